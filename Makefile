@@ -1,0 +1,56 @@
+# Everything a person does with this repository. Each target does all of its own set-up.
+PYTHON ?= python3
+TASK ?= pick_place
+SEEDS ?= 10
+ARGS ?=
+
+BIN := .venv/bin
+STAMP := .venv/.stamp
+
+.PHONY: help setup run demo test test-all lint bench doctor
+
+help:
+	@echo "make run [TASK=pick_place] [SEEDS=10] [ARGS=...]   train, then draw curves and videos (TASK=all: all five)"
+	@echo "make demo      a minute of training, with its curve and a video"
+	@echo "make test      the quick tests;  make test-all: the slow ones as well"
+	@echo "make lint      ruff and mypy;    make bench: environment steps per second"
+	@echo "make doctor    what this machine can do, and how to mend what it cannot"
+
+setup: $(STAMP)
+
+$(STAMP): pyproject.toml constraints.txt
+	@echo "==> setup: creating .venv and installing the pinned versions (a few minutes the first time)"
+	@$(PYTHON) -c 'import sys; sys.exit("Python 3.11 or newer is needed, $(PYTHON) is " + sys.version.split()[0] + "; choose another with PYTHON=python3.x" if sys.version_info < (3, 11) else 0)'
+	@test -x $(BIN)/python || $(PYTHON) -m venv .venv
+	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable '.[dev,notebooks]'
+	@touch $(STAMP)
+
+run: $(STAMP)
+	@echo "==> run: training $(TASK) over $(SEEDS) seeds into runs/"
+	$(BIN)/python launch/run.py --task=$(TASK) --seeds=$(SEEDS) $(ARGS)
+
+demo: $(STAMP)
+	@echo "==> demo: a minute of real training, its curve and a video"
+	$(BIN)/python -m launch.demo
+
+test: $(STAMP)
+	@echo "==> test: the quick tests"
+	$(BIN)/python -m pytest -m "not slow" $(ARGS)
+
+test-all: $(STAMP)
+	@echo "==> test-all: every test, the slow ones as well"
+	$(BIN)/python -m pytest $(ARGS)
+
+lint: $(STAMP)
+	@echo "==> lint: ruff check, ruff format, mypy"
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+
+bench: $(STAMP)
+	@echo "==> bench: environment steps per second, fast path against Composer and raw MuJoCo"
+	$(BIN)/python -m launch.bench $(ARGS)
+
+doctor: $(STAMP)
+	@echo "==> doctor: what this machine can do"
+	$(BIN)/python launch/doctor.py
