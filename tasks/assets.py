@@ -1,0 +1,26 @@
+"""Finding and parsing the MJCF files of `assets/mjcf/`."""
+
+import pathlib
+
+from dm_control import mjcf
+
+MJCF_DIRECTORY = pathlib.Path(__file__).resolve().parent.parent / "assets" / "mjcf"
+
+_MISSING = "the MJCF file {path} is missing; reinstall the project or restore it with git"
+_BROKEN = "the MJCF file {path} could not be parsed: {error}"
+
+
+def load_mjcf(filename: str) -> mjcf.RootElement:
+    """Parses `assets/mjcf/<filename>`.
+
+    Raises:
+      FileNotFoundError: there is no such file; the message names it.
+      ValueError: the file is not valid MJCF; the message names it and says where.
+    """
+    path = MJCF_DIRECTORY / filename
+    if not path.is_file():
+        raise FileNotFoundError(_MISSING.format(path=path))
+    try:
+        return mjcf.from_path(str(path))
+    except Exception as error:  # the parser raises lxml's, KeyError and others besides ValueError
+        raise ValueError(_BROKEN.format(path=path, error=error)) from error

@@ -1,0 +1,140 @@
+"""The pendulum tasks: swing up and touch the peak, or swing up and come to rest there."""
+
+import dataclasses
+
+import numpy as np
+from dm_control import composer
+
+from tasks import assets, base, goal_space, markers, registry
+
+_CONTROL_TIMESTEP = 0.02  # seconds
+_MAX_STEPS = 400  # control steps
+
+_PIVOT_HEIGHT = 0.8  # metres, as in pendulum.xml
+_LENGTH = 0.5  # metres from the pivot to the tip, as in pendulum.xml
+_PEAK = (0.0, _PIVOT_HEIGHT + _LENGTH)  # tip x, z in metres
+
+# Radians from hanging. Training episodes start anywhere but within 45 degrees of upright.
+_TRAINING_START = (-0.75 * np.pi, 0.75 * np.pi)
+_TEST_START = (-0.3, 0.3)
+
+_POSITION_THRESHOLD = 0.075  # metres
+_VELOCITY_THRESHOLD = 0.75  # rad/s
+_VELOCITY_BOUND = 15.0  # rad/s; free fall from the peak reaches 8.9
+
+_TIP_SPACE = goal_space.GoalSpace(
+    names=("tip_x", "tip_z"),
+    units=("m", "m"),
+    low=np.array([-_LENGTH, _PIVOT_HEIGHT - _LENGTH]),
+    high=np.array([_LENGTH, _PIVOT_HEIGHT + _LENGTH]),
+    threshold=np.array([_POSITION_THRESHOLD, _POSITION_THRESHOLD]),
+)
+
+_TIP_AND_VELOCITY_SPACE = goal_space.GoalSpace(
+    names=(*_TIP_SPACE.names, "angular_velocity"),
+    units=(*_TIP_SPACE.units, "rad/s"),
+    low=np.append(_TIP_SPACE.low, -_VELOCITY_BOUND),
+    high=np.append(_TIP_SPACE.high, _VELOCITY_BOUND),
+    threshold=np.append(_TIP_SPACE.threshold, _VELOCITY_THRESHOLD),
+)
+
+_MARKER_RADIUS = 0.06  # metres
+
+
+@dataclasses.dataclass(frozen=True)
+class _Sensors:
+    """Columns of the readings, in the order of pendulum.xml's sensors."""
+
+    tip_x: int = 0
+    tip_z: int = 2
+    angle: int = 3
+    angular_velocity: int = 4
+
+
+_SENSORS = _Sensors()
+
+
+class Pendulum(base.GoalTask):
+    """Swing the pendulum to its peak; with a velocity in the goal space, come to rest there."""
+
+    def __init__(self, goals: goal_space.GoalSpace, goal: tuple[float, ...], test: bool):
+        """Initialises the task.
+
+        Args:
+          goals: the space of goals and subgoals alike: tip x, z and perhaps angular velocity.
+          goal: the end goal, the same in every episode.
+          test: whether episodes begin hanging at rest rather than anywhere.
+        """
+        arena = _build_arena()
+        self._end_goal = np.array(goal)
+        self._goal_marker = markers.Marker("goal", "cube", markers.GOAL_RGBA, (0.05, 0.05, 0.05))
+        self._subgoal_markers = [
+            markers.Marker(f"subgoal_{level}", "sphere", rgba, (_MARKER_RADIUS,))
+            for level, rgba in enumerate(markers.SUBGOAL_RGBA)
+        ]
+        super().__init__(
+            arena,
+            goal_space=goals,
+            subgoal_space=goals,
+            observation_scale=(1.0, 1.0, 10.0),
+            markers=[self._goal_marker, *self._subgoal_markers],
+            control_timestep=_CONTROL_TIMESTEP,
+            max_steps=_MAX_STEPS,
+            test=test,
+        )
+
+    def observation_parts(self, readings):
+        angle = readings[..., _SENSORS.angle]
+        return {
+            "angle": np.stack([np.sin(angle), np.cos(angle)], axis=-1),
+            "angular_velocity": readings[..., [_SENSORS.angular_velocity]],
+        }
+
+    def achieved_goal(self, readings):
+        columns = [_SENSORS.tip_x, _SENSORS.tip_z, _SENSORS.angular_velocity]
+        return readings[..., columns[: self.goal_space.dim]]
+
+    def achieved_subgoal(self, readings):
+        return self.achieved_goal(readings)
+
+    def sample_episode(self, physics, random_state, test):
+        physics.data.qpos[0] = random_state.uniform(*(_TEST_START if test else _TRAINING_START))
+        physics.data.qvel[0] = 0.0
+        return self._end_goal
+
+    def place_goal_marker(self, physics, goal):
+        self._goal_marker.show(physics, _tip_position(goal))
+
+    def place_subgoal_marker(self, physics, level, subgoal):
+        if subgoal is None:
+            self._subgoal_markers[level].hide(physics)
+        else:
+            self._subgoal_markers[level].show(physics, _tip_position(subgoal))
+
+
+def _tip_position(goal: np.ndarray) -> tuple[float, float, float]:
+    return (goal[0], 0.0, goal[1])
+
+
+def _build_arena() -> composer.Arena:
+    arena = composer.Arena(xml_path=str(assets.MJCF_DIRECTORY / "arena.xml"))
+    arena.mjcf_model.attach(assets.load_mjcf("pendulum.xml"))
+    arena.mjcf_model.worldbody.add(
+        "camera", name="front", pos=(0.0, -2.3, 1.0), xyaxes=(1, 0, 0, 0, 0.08, 1), fovy=42
+    )
+    arena.mjcf_model.worldbody.add(
+        "camera", name="side", pos=(1.6, -1.7, 1.4), xyaxes=(0.73, 0.69, 0, -0.2, 0.22, 0.95)
+    )
+    return arena
+
+
+@registry.add("pendulum", "one_joint")
+def pendulum_climb(test: bool = False) -> Pendulum:
+    """Touch the marker at the peak, at any speed."""
+    return Pendulum(_TIP_SPACE, _PEAK, test)
+
+
+@registry.add("pendulum", "one_joint")
+def pendulum_balance(test: bool = False) -> Pendulum:
+    """Be at the peak with near-zero angular velocity."""
+    return Pendulum(_TIP_AND_VELOCITY_SPACE, (*_PEAK, 0.0), test)

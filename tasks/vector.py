@@ -1,0 +1,243 @@
+"""Many environments of one task stepped together, bit for bit as Composer steps each of them."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import mujoco
+import numpy as np
+from dm_control import composer
+from dm_control.rl import control
+
+from tasks import base
+
+_SEEDS = 2**32  # seeds lie in [0, 2**32)
+_NOT_FINITE = "environment {env}: {error}"
+
+
+class VectorStep(NamedTuple):
+    """What N environments show after a reset or a control step; every array is a fresh copy.
+
+    Attributes:
+      observation: [N, D] in natural units.
+      achieved_goal: [N, G] the achieved point of the end-goal space.
+      achieved_subgoal: [N, H] the achieved point of the subgoal space.
+      desired_goal: [N, G] the end goal of the episode.
+      diverged: [N] bool, whether the physics broke down since the environment's last reset; its
+        other entries then keep their last valid values.
+    """
+
+    observation: np.ndarray
+    achieved_goal: np.ndarray
+    achieved_subgoal: np.ndarray
+    desired_goal: np.ndarray
+    diverged: np.ndarray
+
+
+class _Simulation(NamedTuple):
+    """One environment's MuJoCo structures under the names that a task's functions look for."""
+
+    model: mujoco.MjModel
+    data: mujoco.MjData
+
+
+class VectorEnv:
+    """N environments that share one compiled model.
+
+    Episodes do not end here: the caller stops them when `goal_space.achieved` says so or after
+    `max_steps`. Environments that a mask leaves out keep their last values.
+    """
+
+    def __init__(self, environment: composer.Environment, name: str, num_envs: int, seed: int):
+        """Takes over a Composer environment of the task; `tasks.load_vector` makes one.
+
+        Raises:
+          ValueError: `num_envs` is below 1.
+        """
+        if num_envs < 1:
+            raise ValueError(f"num_envs must be at least 1, got {num_envs}")
+        self.name = name
+        self.num_envs = num_envs
+        # The Composer environment is kept: its physics prepares every reset and renders.
+        self._environment = environment
+        self._physics = environment.physics
+        self._task: base.GoalTask = environment.task
+        self.max_steps = self._task.max_steps
+        self.goal_space = self._task.goal_space
+        self.subgoal_space = self._task.subgoal_space
+        self.observation_scale = self._task.observation_scale
+        spec = environment.action_spec()
+        self.action_low = np.array(spec.minimum, dtype=np.float64)
+        self.action_high = np.array(spec.maximum, dtype=np.float64)
+        self._seeds = np.random.RandomState(seed)
+        self._episode_random = np.random.RandomState(0)
+        self._model = self._physics.model.ptr
+        self._substeps = self._task.physics_steps_per_control_step
+        self._build_simulations()
+        self._readings = np.zeros((num_envs, self._task.readings(self._physics).size))
+        self._goals = np.zeros((num_envs, self.goal_space.dim))
+        self._diverged = np.zeros(num_envs, dtype=bool)
+        self.observation_dim = self._task.observation(self._readings).shape[-1]
+        self.reset(np.zeros(num_envs, dtype=np.int64))
+
+    def _build_simulations(self) -> None:
+        """Makes N data structures and holds live views of what each step reads and writes."""
+        self._data = [mujoco.MjData(self._model) for _ in range(self.num_envs)]
+        self._controls = [data.ctrl for data in self._data]
+        self._sensors = [data.sensordata for data in self._data]
+        self._equalities = [data.eq_active for data in self._data]
+        self._warnings = [data.warning.number for data in self._data]
+
+    def reset(
+        self, seeds: np.ndarray | None = None, *, mask: np.ndarray | None = None, test: bool = False
+    ) -> VectorStep:
+        """Starts new episodes.
+
+        Args:
+          seeds: [N] integers in [0, 2**32). Environment i's episode is the one that
+            `tasks.load(name, seed=seeds[i], test=test)` plays first. None draws them from the
+            stream that the constructor's seed began.
+          mask: [N] bool, the environments to reset; None resets all.
+          test: whether to begin from the test starts rather than the training starts.
+
+        Raises:
+          ValueError: a seed out of range, or an argument of the wrong shape.
+        """
+        chosen = self._chosen(mask)
+        if seeds is None:
+            seeds = self._seeds.randint(0, _SEEDS, size=self.num_envs, dtype=np.int64)
+        seeds = np.asarray(seeds)
+        if seeds.shape != (self.num_envs,) or seeds.min() < 0 or seeds.max() >= _SEEDS:
+            raise ValueError(f"seeds must be {self.num_envs} integers in [0, 2**32), got {seeds}")
+        for i in chosen.tolist():
+            self._reset_one(i, int(seeds[i]), test)
+        return self._view()
+
+    def _reset_one(self, i: int, seed: int, test: bool) -> None:
+        """Prepares an episode in Composer's physics, as Composer would, and copies it over."""
+        self._episode_random.seed(seed)
+        try:
+            with self._physics.reset_context():
+                self._task.begin_episode(self._physics, self._episode_random, test)
+            self._diverged[i] = False
+        except control.PhysicsError:
+            self._diverged[i] = True
+        mujoco.mj_copyData(self._data[i], self._model, self._physics.data.ptr)
+        self._readings[i] = np.nan_to_num(self._task.readings(self._physics))
+        self._goals[i] = self._task.goal
+
+    def step(self, actions: np.ndarray, mask: np.ndarray | None = None) -> VectorStep:
+        """Makes one control step in each environment that is in the mask and has not diverged.
+
+        Args:
+          actions: [N, A] in natural units; clipped to the bounds.
+          mask: [N] bool, the environments to step; None steps all.
+
+        Raises:
+          ValueError: an action of a stepped environment is not finite (the message names the
+            environment and the action), or an argument has the wrong shape.
+        """
+        chosen = self._chosen(mask)
+        chosen = chosen[~self._diverged[chosen]]
+        actions = np.asarray(actions, dtype=np.float64)
+        if actions.shape != (self.num_envs, self.action_low.size):
+            raise ValueError(
+                f"actions must have shape {(self.num_envs, self.action_low.size)}, "
+                f"got {actions.shape}"
+            )
+        self._check_finite(actions, chosen)
+        if chosen.size:
+            indices = chosen.tolist()
+            before = self._gather(self._warnings, indices)
+            self._advance(np.clip(actions, self.action_low, self.action_high), indices)
+            self._read(chosen, indices, before)
+        return self._view()
+
+    def _advance(self, actions: np.ndarray, indices: list[int]) -> None:
+        """Steps physics in dm_control's order, so that sensors are current afterwards."""
+        model, data, controls = self._model, self._data, self._controls
+        step1, step2, step, rest = (
+            mujoco.mj_step1,
+            mujoco.mj_step2,
+            mujoco.mj_step,
+            self._substeps - 1,
+        )
+        for i in indices:
+            controls[i][:] = actions[i]
+            data_i = data[i]
+            step2(model, data_i)
+            if rest:
+                step(model, data_i, rest)
+            step1(model, data_i)
+
+    def _read(self, chosen: np.ndarray, indices: list[int], warnings_before: np.ndarray) -> None:
+        """Takes the readings of the stepped environments, but for those that just diverged."""
+        broken = (self._gather(self._warnings, indices) > warnings_before).any(axis=-1)
+        self._diverged[chosen[broken]] = True
+        readings = self._gather(self._sensors, indices)
+        if self._model.neq:
+            readings = np.concatenate([readings, self._gather(self._equalities, indices)], axis=-1)
+        if broken.any():
+            chosen, readings = chosen[~broken], readings[~broken]
+        if self._task.has_event:
+            readings = self._apply_events(chosen, readings)
+        self._readings[chosen] = readings
+
+    def _apply_events(self, chosen: np.ndarray, readings: np.ndarray) -> np.ndarray:
+        for row in np.flatnonzero(self._task.event_mask(readings)).tolist():
+            simulation = _Simulation(self._model, self._data[chosen[row]])
+            self._task.apply_event(simulation)
+            readings[row] = self._task.readings(simulation)
+        return readings
+
+    @staticmethod
+    def _gather(views: Sequence[np.ndarray], indices: list[int]) -> np.ndarray:
+        """Copies the views of the listed environments into one array, a row for each."""
+        return np.concatenate([views[i] for i in indices]).reshape(len(indices), -1)
+
+    def _view(self) -> VectorStep:
+        readings = self._readings
+        return VectorStep(
+            observation=self._task.observation(readings),
+            achieved_goal=self._task.achieved_goal(readings).copy(),
+            achieved_subgoal=self._task.achieved_subgoal(readings).copy(),
+            desired_goal=self._goals.copy(),
+            diverged=self._diverged.copy(),
+        )
+
+    def _chosen(self, mask: np.ndarray | None) -> np.ndarray:
+        if mask is None:
+            return np.arange(self.num_envs)
+        mask = np.asarray(mask)
+        if mask.shape != (self.num_envs,) or mask.dtype != bool:
+            raise ValueError(f"mask must be {self.num_envs} booleans, got {mask!r}")
+        return np.flatnonzero(mask)
+
+    def _check_finite(self, actions: np.ndarray, chosen: np.ndarray) -> None:
+        bad = chosen[~np.isfinite(actions[chosen]).all(axis=-1)]
+        if bad.size:
+            try:
+                self._task.check_actions(self._physics, actions[bad[0]])
+            except ValueError as error:
+                raise ValueError(_NOT_FINITE.format(env=bad[0], error=error)) from None
+
+    def show_subgoals(self, i: int, subgoals: Sequence[np.ndarray | None]) -> None:
+        """Shows environment i's subgoals when it is rendered.
+
+        Args:
+          i: the environment.
+          subgoals: [H] each, the one that the lowest level pursues first; None hides a level's.
+        """
+        self._task.place_subgoal_markers(_Simulation(self._model, self._data[i]), subgoals)
+
+    def render(
+        self, i: int, *, camera: int | str = 0, height: int = 480, width: int = 640
+    ) -> np.ndarray:
+        """Returns a picture of environment i, uint8 [height, width, 3], without disturbing it."""
+        mujoco.mj_copyData(self._physics.data.ptr, self._model, self._data[i])
+        mujoco.mj_kinematics(self._model, self._physics.data.ptr)
+        mujoco.mj_camlight(self._model, self._physics.data.ptr)
+        return self._physics.render(height=height, width=width, camera_id=camera).copy()
+
+    def close(self) -> None:
+        """Frees the physics and the rendering context; the environment cannot be used after."""
+        self._environment.close()
