@@ -1,0 +1,1 @@
+"""Reads run folders, computes statistics over seeds, draws figures and writes reports."""

@@ -1,0 +1,28 @@
+"""What the paper reports, to set our results beside: task titles and efficient step counts."""
+
+TITLES = {
+    "pendulum_climb": "Pendulum - Climb",
+    "pendulum_balance": "Pendulum - Balance",
+    "ur5_reacher": "UR5 Reacher",
+    "cartpole_swingup": "Cartpole Swingup",
+    "pick_place": "1-Object Pick-and-Place",
+}
+
+STEPS_TO_GOAL = {
+    "pendulum_climb": 100,
+    "pendulum_balance": 150,
+    "ur5_reacher": 60,
+    "cartpole_swingup": 170,
+    "pick_place": 110,
+}
+"""Actions that an efficient policy takes to reach the goal (section 4.1)."""
+
+
+def title(task: str) -> str:
+    """The task's name as in Figure 5; a task the paper lacks is named after itself."""
+    return TITLES.get(task, task.replace("_", " ").capitalize())
+
+
+def agent_name(subgoal_layers: int) -> str:
+    """The agent as the paper's legends call it: "1 subgoal layer"."""
+    return f"{subgoal_layers} subgoal layer{'' if subgoal_layers == 1 else 's'}"

@@ -1,0 +1,47 @@
+"""The columns of a run folder's results.csv and figure.csv, as every module here knows them."""
+
+KEY = ("task", "subgoal_layers", "seed", "period")
+"""A row of results.csv is one test period (0: untrained) of one seed of one agent."""
+
+CORE_COLUMNS = (
+    *KEY,
+    "train_episodes",
+    "train_steps",
+    "test_episodes",
+    "success_rate",
+    "mean_steps_to_goal",
+    "wall_seconds",
+    "diverged_episodes",
+)
+
+WHOLE_NUMBERS = ("subgoal_layers", "seed", "period", "train_episodes", "test_episodes")
+"""Columns that are never empty and hold integers of at least 0."""
+
+LEVEL_FIELDS = (
+    "proposed",
+    "achieved",
+    "tested",
+    "penalised",
+    "q_mean",
+    "q_min",
+    "q_at_bound",
+    "saturation",
+    "replay_fill",
+    "success",
+)
+
+MAX_LEVELS = 3
+"""Levels that always have columns; they are empty where an agent lacks the level."""
+
+
+def level_column(level: int, field: str) -> str:
+    """Name of a per-level diagnostic, e.g. ``level1_q_mean``; level 0 is the one that acts."""
+    return f"level{level}_{field}"
+
+
+RESULTS_COLUMNS = CORE_COLUMNS + tuple(
+    level_column(level, field) for level in range(MAX_LEVELS) for field in LEVEL_FIELDS
+)
+
+FIGURE_COLUMNS = ("task", "subgoal_layers", "period", "train_episodes", "n", "mean", "low", "high")
+"""figure.csv: mean success rate and its 95% interval over the `n` seeds that have the period."""
