@@ -1,0 +1,23 @@
+"""Hierarchical Actor-Critic for populations of seeds."""
+
+from hac_suite.config import PRESETS, Config, horizons
+from hac_suite.evaluation import EpisodeStats, run_episodes
+from hac_suite.hierarchy import StepView
+from hac_suite.policy import Policy
+from hac_suite.training import DIAGNOSTICS, PeriodResult, Progress, train
+from hac_suite.types import VectorEnv
+
+__all__ = [
+    "DIAGNOSTICS",
+    "PRESETS",
+    "Config",
+    "EpisodeStats",
+    "PeriodResult",
+    "Policy",
+    "Progress",
+    "StepView",
+    "VectorEnv",
+    "horizons",
+    "run_episodes",
+    "train",
+]

@@ -1,0 +1,137 @@
+"""Every choice an agent depends on, with its source, and the presets that select them together."""
+
+import dataclasses
+import math
+from typing import Literal
+
+# Sources: "text" is the preprint; R18 and R20 are the authors' releases of July 2018 and May 2020;
+# "ours" was measured on this project's tasks.
+
+
+@dataclasses.dataclass(frozen=True)
+class Config:
+    """Hyperparameters of one experiment. Rates are probabilities; noise is in half-ranges.
+
+    Raises:
+        ValueError: a value is outside what its comment allows; the message names it.
+    """
+
+    # -- Subgoal testing (Section 3.2)
+    subgoal_test_rate: float = 0.3  # lambda; R20 0.3, R18 0.2
+    test_draw: Literal["top", "each_level"] = "top"  # text: one Boolean a top-level attempt (Alg. 1)
+    tested_subgoal_noise_free: bool = True  # text; in R18 and R20 the tested subgoal may be noisy
+    penalise_cut_short: bool = False  # ours: only a lower level that used all T_i has failed
+
+    # -- Hindsight (Section 3.3)
+    hindsight_actions: bool = True  # text; False stores the proposed subgoal even when missed
+    hindsight_goals: int = 3  # "a few"; R18 and R20 take 3; 0 switches hindsight goals off
+    hindsight_relabels: Literal["preceding", "segment"] = "preceding"  # text; R20: whole segment
+    hindsight_pick_last: bool = False  # R18, R20: the segment's last state is always picked
+    drop_held_hindsight: bool = True  # ours: a goal that held before the segment teaches nothing
+
+    # -- Exploration
+    random_action_rate: float = 0.2  # R18, R20; the text's Gaussian alone does not learn
+    action_noise: float = 0.1  # standard deviation at level 0; R18, R20
+    subgoal_noise: float = 0.1  # at the levels above; R18 0.1, R20 0.03-0.1
+
+    # -- Episodes
+    continue_after_goal: bool = False  # R18: a training episode goes on after the end goal
+    test_until_horizon: bool = True  # R18, R20: in tests the top level is not held to T_n
+    episodes_per_period: int = 300  # Section 4.2
+    test_episodes: int = 64  # Section 4.2
+    episodes_per_round: int = 4  # ours: episodes a seed collects between rounds of updates
+
+    # -- Learning
+    discount: float = 0.98  # R18, R20
+    batch_size: int = 256  # ours; R18, R20 1024
+    updates_per_episode: int = 20  # per level, ours; R18, R20 40
+    learning_rate: float = 1e-3  # Adam, actor and critic; R18, R20
+    hidden_sizes: tuple[int, ...] = (64, 64, 64)  # R18, R20
+    replay_capacity: int = 300_000  # transitions per level and seed; ours
+    bounded_critic: bool = True  # R20: -T_i * sigmoid, and targets clipped to [-T_i, 0]
+    initial_q: float = -0.067  # R20: the bounded critic's optimistic start
+    target_rate: float = 0.05  # R18: Polyak; 0 learns from the online networks, as R20 does
+    test_averaged_actor: bool = True  # R18: tests use the averaged actor
+
+    def __post_init__(self) -> None:
+        for name in ("subgoal_test_rate", "random_action_rate", "discount", "target_rate"):
+            self._require(name, 0 <= getattr(self, name) <= 1, "between 0 and 1")
+        for name in ("action_noise", "subgoal_noise"):
+            self._require(name, 0 <= getattr(self, name) < math.inf, "zero or more")
+        for name in _COUNTS:
+            self._require(name, getattr(self, name) >= 1, "at least 1")
+        self._require("hindsight_goals", self.hindsight_goals >= 0, "zero or more")
+        self._require("learning_rate", 0 < self.learning_rate < math.inf, "above zero")
+        self._require("initial_q", -1 < self.initial_q < 0, "between -1 and 0")
+        self._require("test_draw", self.test_draw in ("top", "each_level"), "top or each_level")
+        self._require(
+            "hindsight_relabels",
+            self.hindsight_relabels in ("preceding", "segment"),
+            "preceding or segment",
+        )
+        self._require(
+            "hidden_sizes",
+            len(self.hidden_sizes) > 0 and min(self.hidden_sizes) >= 1,
+            "one or more positive sizes",
+        )
+        self._require(
+            "episodes_per_period",
+            self.episodes_per_period % self.episodes_per_round == 0,
+            f"a multiple of episodes_per_round ({self.episodes_per_round})",
+        )
+
+    def _require(self, name: str, holds: bool, wanted: str) -> None:
+        if not holds:
+            raise ValueError(f"{name} is {getattr(self, name)!r}; it must be {wanted}.")
+
+
+_COUNTS = (
+    "episodes_per_period",
+    "test_episodes",
+    "episodes_per_round",
+    "batch_size",
+    "updates_per_episode",
+    "replay_capacity",
+)
+
+PAPER = Config()
+
+RELEASE_2018 = dataclasses.replace(
+    PAPER,
+    subgoal_test_rate=0.2,
+    test_draw="each_level",
+    tested_subgoal_noise_free=False,
+    hindsight_pick_last=True,
+    continue_after_goal=True,
+    bounded_critic=False,
+)
+
+RELEASE_2020 = dataclasses.replace(
+    PAPER,
+    test_draw="each_level",
+    tested_subgoal_noise_free=False,
+    hindsight_relabels="segment",
+    hindsight_pick_last=True,
+    target_rate=0.0,
+    test_averaged_actor=False,
+)
+
+PRESETS = {"paper": PAPER, "release_2018": RELEASE_2018, "release_2020": RELEASE_2020}
+
+
+def horizons(max_steps: int, subgoal_layers: int) -> tuple[int, ...]:
+    """Attempts (T_0, ..., T_n) of each level: the least equal T_i whose product spans `max_steps`.
+
+    The paper uses one T for all levels (Section 3.2). The agent without subgoal layers gets the
+    whole horizon.
+
+    Raises:
+        ValueError: a negative number of subgoal layers.
+    """
+    if subgoal_layers < 0:
+        raise ValueError(f"subgoal_layers is {subgoal_layers}; it must be zero or more.")
+    levels = subgoal_layers + 1
+    attempts = max(1, round(max_steps ** (1 / levels)))
+    while attempts**levels < max_steps:
+        attempts += 1
+    return (attempts,) * levels

@@ -1,0 +1,161 @@
+"""Goal-conditioned actors of a hierarchy: how they act, and how they are kept as files."""
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import safetensors
+import safetensors.torch
+import torch
+
+from hac_suite.networks import StackedMLP
+from hac_suite.types import Actor, LevelSpec
+
+_FORMAT = "hac_suite.policy/1"
+
+
+def as_actor(network: StackedMLP, spec: LevelSpec) -> Actor:
+    """The actor of a level for S seeds: rows [S * E, ...] of a lock step, seed by seed."""
+    seeds = network.parameters.shape[0]
+    observations, width = spec.observation_dim, spec.observation_dim + spec.goal_space.dim
+    inputs: dict[int, np.ndarray] = {}
+
+    def act(observation: np.ndarray, goal: np.ndarray) -> np.ndarray:
+        rows = len(observation)
+        if rows not in inputs:
+            inputs[rows] = np.ones((rows, width + 1), np.float32)
+        block = inputs[rows]
+        block[:, :observations] = observation / spec.observation_scale
+        block[:, observations:width] = spec.goal_space.normalise(goal)
+        stacked = torch.from_numpy(block).view(seeds, rows // seeds, width + 1)
+        return torch.tanh(network.forward(stacked)).view(rows, -1).numpy()
+
+    return act
+
+
+class Policy:
+    """One trained agent: the actors of all its levels, of one seed.
+
+    Attributes:
+        horizons: (T_0, ..., T_n).
+        metadata: what the file said about itself (task, seed, score, ...).
+    """
+
+    def __init__(
+        self,
+        networks: Sequence[StackedMLP],
+        horizons: Sequence[int],
+        metadata: dict[str, Any] | None = None,
+    ):
+        self.networks = list(networks)
+        self.horizons = tuple(horizons)
+        self.metadata = dict(metadata or {})
+
+    @property
+    def subgoal_layers(self) -> int:
+        return len(self.horizons) - 1
+
+    @classmethod
+    def of_seed(
+        cls, networks: Sequence[StackedMLP], seed: int, horizons: Sequence[int]
+    ) -> "Policy":
+        """A copy of one seed's actors."""
+        own = []
+        for network in networks:
+            single = StackedMLP(1, (*network.sizes[:-1], network.outputs))
+            single.parameters.copy_(network.parameters[seed : seed + 1])
+            own.append(single)
+        return cls(own, horizons)
+
+    def actors(self, levels: Sequence[LevelSpec]) -> list[Actor]:
+        """Callables for `hierarchy.collect`.
+
+        Raises:
+            ValueError: the environment's sizes are not those the policy was trained for.
+        """
+        for index, (network, spec) in enumerate(zip(self.networks, levels, strict=True)):
+            wanted = (spec.observation_dim + spec.goal_space.dim, spec.action_dim)
+            held = (network.sizes[0], network.outputs)
+            if wanted != held:
+                raise ValueError(
+                    f"The policy's level {index} maps {held[0]} numbers to {held[1]}, but this "
+                    f"task needs {wanted[0]} to {wanted[1]}: it is of another task."
+                )
+        return [as_actor(n, spec) for n, spec in zip(self.networks, levels, strict=True)]
+
+    def save(self, path: str | Path, metadata: dict[str, Any]) -> None:
+        """Writes `path`.safetensors and `path`.json."""
+        path = Path(path)
+        tensors = {
+            f"level{level}.layer{layer}": weight[0, :, : _columns(network, layer)].contiguous()
+            for level, network in enumerate(self.networks)
+            for layer, weight in enumerate(network.weights)
+        }
+        description = {"format": _FORMAT, "horizons": list(self.horizons), **metadata}
+        tensors_path, json_path = _files(path)
+        safetensors.torch.save_file(tensors, tensors_path)
+        json_path.write_text(json.dumps(description, indent=2) + "\n")
+
+    @classmethod
+    def load(cls, path: str | Path) -> "Policy":
+        """Reads what `save` wrote; nothing in the files is executed.
+
+        Raises:
+            ValueError: a file is missing, damaged, or not a policy; the message names it.
+        """
+        tensors_path, json_path = _files(Path(path))
+        metadata = _read_description(json_path)
+        try:
+            tensors = safetensors.torch.load_file(tensors_path)
+        except (OSError, safetensors.SafetensorError) as error:
+            raise ValueError(f"{tensors_path} is not a safetensors policy: {error}") from error
+        horizons = metadata.get("horizons")
+        if not _positive_ints(horizons):
+            raise ValueError(f"{json_path}: horizons is {horizons!r}, not a list of counts.")
+        networks = [_network(tensors, level, tensors_path) for level in range(len(horizons))]
+        return cls(networks, horizons, metadata)
+
+
+def _files(path: Path) -> tuple[Path, Path]:
+    if path.suffix in (".safetensors", ".json"):
+        path = path.with_suffix("")
+    return path.with_name(path.name + ".safetensors"), path.with_name(path.name + ".json")
+
+
+def _columns(network: StackedMLP, layer: int) -> int:
+    return network.outputs if layer == len(network.weights) - 1 else network.sizes[layer + 1]
+
+
+def _positive_ints(value: Any) -> bool:
+    return isinstance(value, list) and len(value) > 0 and all(
+        isinstance(item, int) and item > 0 for item in value
+    )
+
+
+def _read_description(path: Path) -> dict[str, Any]:
+    try:
+        described = json.loads(path.read_text())
+    except (OSError, ValueError) as error:
+        raise ValueError(f"{path} does not describe a policy: {error}") from error
+    if not isinstance(described, dict) or described.get("format") != _FORMAT:
+        raise ValueError(f"{path} does not describe a policy: its format is not {_FORMAT!r}.")
+    return described
+
+
+def _network(tensors: dict[str, torch.Tensor], level: int, path: Path) -> StackedMLP:
+    layers = []
+    while f"level{level}.layer{len(layers)}" in tensors:
+        layers.append(tensors[f"level{level}.layer{len(layers)}"])
+    chained = all(a.shape[1] + 1 == b.shape[0] for a, b in zip(layers, layers[1:], strict=False))
+    if not layers or any(layer.ndim != 2 for layer in layers) or not chained:
+        raise ValueError(f"{path} lacks a whole network for level {level}.")
+    if not all(bool(torch.isfinite(layer).all()) for layer in layers):
+        raise ValueError(f"{path}: the weights of level {level} are not all finite.")
+    sizes = [layer.shape[0] - 1 for layer in layers] + [layers[-1].shape[1]]
+    network = StackedMLP(1, sizes)
+    for weight, layer in zip(network.weights, layers, strict=True):
+        weight[0, :, : layer.shape[1]] = layer
+    return network
+

@@ -1,0 +1,112 @@
+"""Agents of many seeds that learn side by side: their learners, replay buffers and streams."""
+
+from collections.abc import Sequence
+
+import numpy as np
+import torch
+
+from hac_suite import exploration, transitions
+from hac_suite.config import Config
+from hac_suite.exploration import Purpose
+from hac_suite.hierarchy import Round
+from hac_suite.learner import Learner
+from hac_suite.networks import StackedMLP
+from hac_suite.policy import Policy, as_actor
+from hac_suite.replay import Replay, RowLayout
+from hac_suite.types import Actor, LevelSpec, VectorEnv, level_specs
+
+
+class Population:
+    """S agents of the same shape, one per seed; nothing is shared between them."""
+
+    def __init__(
+        self, env: VectorEnv, config: Config, horizons: tuple[int, ...], seeds: Sequence[int]
+    ):
+        self.seeds, self.config, self.horizons = tuple(seeds), config, horizons
+        self.levels: tuple[LevelSpec, ...] = level_specs(env, horizons)
+        self._spaces = (env.goal_space, env.subgoal_space)
+        self.learners = [
+            Learner(spec, config, self._torch_streams(level))
+            for level, spec in enumerate(self.levels)
+        ]
+        self.replays = [
+            Replay(len(self.seeds), config.replay_capacity, RowLayout.of(spec))
+            for spec in self.levels
+        ]
+        self._explore = [exploration.stream(seed, Purpose.EXPLORE) for seed in self.seeds]
+        self._replay_streams = [
+            [exploration.stream(seed, Purpose.REPLAY, level) for seed in self.seeds]
+            for level in range(len(self.levels))
+        ]
+
+    def _torch_streams(self, level: int) -> list[torch.Generator]:
+        return [exploration.torch_stream(seed, Purpose.INITIALISE, level) for seed in self.seeds]
+
+    def exploring_actors(self) -> list[Actor]:
+        """The online actors, lowest level first."""
+        return self._actors([learner.actor for learner in self.learners])
+
+    def tested_networks(self) -> list[StackedMLP]:
+        """The networks that test periods run: averaged ones where the config says so."""
+        averaged = self.config.test_averaged_actor
+        return [lr.target_actor if averaged else lr.actor for lr in self.learners]
+
+    def tested_actors(self) -> list[Actor]:
+        return self._actors(self.tested_networks())
+
+    def _actors(self, networks: list[StackedMLP]) -> list[Actor]:
+        return [as_actor(n, spec) for n, spec in zip(networks, self.levels, strict=True)]
+
+    def policies(self) -> list[Policy]:
+        """A copy of each seed's agent, as tested."""
+        networks = self.tested_networks()
+        return [Policy.of_seed(networks, i, self.horizons) for i in range(len(self.seeds))]
+
+    def draw_round(self, steps: int) -> exploration.Draws:
+        return exploration.draw_round(self._explore, self.levels, self.config, steps)
+
+    def store(self, recorded: Round, draws: exploration.Draws) -> None:
+        """Puts a round's transitions into every level's replay buffers."""
+        built = transitions.build(
+            recorded, self.config, self.horizons, draws.hindsight, *self._spaces
+        )
+        for replay, made, spec in zip(self.replays, built, self.levels, strict=True):
+            rows = replay.layout.pack(made, spec)
+            owner = made.env // self.config.episodes_per_round
+            order = np.argsort(owner, kind="stable")
+            bounds = np.searchsorted(owner[order], np.arange(len(self.seeds) + 1))
+            for seed in range(len(self.seeds)):
+                replay.add(seed, rows[order[bounds[seed] : bounds[seed + 1]]])
+
+    def learn(self) -> None:
+        """A round of updates on every level."""
+        config = self.config
+        updates = config.updates_per_episode * config.episodes_per_round
+        for learner, replay, streams in zip(
+            self.learners, self.replays, self._replay_streams, strict=True
+        ):
+            indices = replay.sample_indices(streams, updates, config.batch_size)
+            for chosen in indices:
+                learner.update(self._gather(replay, chosen))
+
+    def _gather(self, replay: Replay, chosen: torch.Tensor) -> torch.Tensor:
+        return replay.flat[chosen].view(len(self.seeds), -1, replay.layout.width)
+
+    def diagnose(self, period: int) -> list[dict[str, list[float]]]:
+        """Per level, per seed: what the critic and actor look like on replayed states."""
+        found = []
+        for level, (learner, replay) in enumerate(zip(self.learners, self.replays, strict=True)):
+            if not replay.sizes.all():
+                found.append({})
+                continue
+            streams = [
+                np.random.default_rng(
+                    np.random.SeedSequence(seed, spawn_key=(Purpose.DIAGNOSE, level, period))
+                )
+                for seed in self.seeds
+            ]
+            chosen = replay.sample_indices(streams, 1, self.config.batch_size)[0]
+            measured = learner.diagnose(self._gather(replay, chosen))
+            measured["replay_fill"] = (replay.sizes / replay.capacity).tolist()
+            found.append(measured)
+        return found

@@ -1,0 +1,92 @@
+"""Replay buffers of one level for many seeds, laid out so that a gathered batch needs no assembly.
+
+A row is  [action | observation | goal | 1 | next action | next observation | goal | 1 | reward |
+discount].  `row[:A+O+G+1]` is the critic's input, `row[A:A+O+G+1]` the actor's, and the same holds
+one block further for the next state, whose action the learner fills in. Observations are scaled,
+goals and actions normalised to [-1, 1].
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+import torch
+
+from hac_suite.transitions import Transitions
+from hac_suite.types import LevelSpec
+
+
+class RowLayout(NamedTuple):
+    """Where a row's parts lie."""
+
+    action_dim: int
+    block: int  # width of [action | observation | goal | 1]
+
+    @classmethod
+    def of(cls, spec: LevelSpec) -> "RowLayout":
+        return cls(spec.action_dim, spec.action_dim + spec.observation_dim + spec.goal_space.dim + 1)
+
+    @property
+    def width(self) -> int:
+        return 2 * self.block + 2
+
+    def pack(self, transitions: Transitions, spec: LevelSpec) -> np.ndarray:
+        """Transitions in natural units -> float32 rows [M, width]."""
+        rows = np.zeros((len(transitions.reward), self.width), np.float32)
+        a, o = self.action_dim, spec.observation_dim
+        goal = spec.goal_space.normalise(transitions.goal)
+        rows[:, :a] = transitions.action
+        for start, observation in (
+            (a, transitions.observation),
+            (self.block + a, transitions.next_observation),
+        ):
+            rows[:, start : start + o] = observation / spec.observation_scale
+            rows[:, start + o : start + o + goal.shape[1]] = goal
+            rows[:, start + o + goal.shape[1]] = 1
+        rows[:, -2] = transitions.reward
+        rows[:, -1] = transitions.discount
+        return rows
+
+
+class Replay:
+    """Rings of rows, one per seed; the oldest rows are overwritten first."""
+
+    def __init__(self, seeds: int, capacity: int, layout: RowLayout):
+        self.layout = layout
+        self.capacity = capacity
+        # Zeros, not empty: a seed with no transition yet (all diverged) learns from a blank row.
+        self.rows = torch.zeros(seeds, capacity, layout.width)
+        self.added = np.zeros(seeds, np.int64)
+
+    @property
+    def sizes(self) -> np.ndarray:
+        """Rows held, per seed [S]."""
+        return np.minimum(self.added, self.capacity)
+
+    def add(self, seed: int, rows: np.ndarray) -> None:
+        """Appends rows [M, width] to one seed's ring; only the last `capacity` are kept."""
+        kept = rows[-self.capacity :]
+        start = (self.added[seed] + len(rows) - len(kept)) % self.capacity
+        first = min(len(kept), self.capacity - start)
+        ring = self.rows[seed]
+        source = torch.from_numpy(np.ascontiguousarray(kept))
+        ring[start : start + first] = source[:first]
+        ring[: len(kept) - first] = source[first:]
+        self.added[seed] += len(rows)
+
+    def sample_indices(
+        self, generators: list[np.random.Generator], updates: int, batch: int
+    ) -> torch.Tensor:
+        """Uniform rows with replacement for a round: int64 [updates, S * batch] into `flat`."""
+        drawn = np.stack(
+            [
+                generator.integers(0, max(size, 1), (updates, batch)) + seed * self.capacity
+                for seed, (generator, size) in enumerate(zip(generators, self.sizes, strict=True))
+            ],
+            axis=1,
+        )
+        return torch.from_numpy(drawn.reshape(updates, -1))
+
+    @property
+    def flat(self) -> torch.Tensor:
+        """Every seed's rows as one table [S * capacity, width]."""
+        return self.rows.view(-1, self.layout.width)

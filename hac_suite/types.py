@@ -1,0 +1,114 @@
+"""What the engine needs of the world: goal spaces and environments stepped in lock step."""
+
+from collections.abc import Callable
+from typing import NamedTuple, Protocol
+
+import numpy as np
+
+# An actor of one level: natural observations [N, D] and goals [N, G] to outputs in [-1, 1] [N, A].
+Actor = Callable[[np.ndarray, np.ndarray], np.ndarray]
+
+
+class GoalSpace(Protocol):
+    """Named, bounded dimensions with a threshold each (Table 1)."""
+
+    @property
+    def dim(self) -> int: ...
+
+    @property
+    def low(self) -> np.ndarray: ...
+
+    @property
+    def high(self) -> np.ndarray: ...
+
+    def achieved(self, achieved: np.ndarray, goal: np.ndarray) -> np.ndarray:
+        """[..., G], [..., G] -> bool [...]: every dimension within its threshold."""
+        ...
+
+    def normalise(self, value: np.ndarray) -> np.ndarray:
+        """Natural units to [-1, 1] (beyond, where the value is out of bounds)."""
+        ...
+
+    def denormalise(self, value: np.ndarray) -> np.ndarray: ...
+
+
+class EnvStep(Protocol):
+    """What N environments show after a reset or a step; fresh arrays, natural units."""
+
+    @property
+    def observation(self) -> np.ndarray: ...  # [N, D]
+
+    @property
+    def achieved_goal(self) -> np.ndarray: ...  # [N, G]
+
+    @property
+    def achieved_subgoal(self) -> np.ndarray: ...  # [N, H]
+
+    @property
+    def desired_goal(self) -> np.ndarray: ...  # [N, G]
+
+    @property
+    def diverged(self) -> np.ndarray: ...  # bool [N]
+
+
+class VectorEnv(Protocol):
+    """N environments of one task in lock step. It never ends an episode: the hierarchy does."""
+
+    num_envs: int
+    max_steps: int
+
+    @property
+    def observation_scale(self) -> np.ndarray: ...  # [D]
+
+    @property
+    def action_low(self) -> np.ndarray: ...  # [A]
+
+    @property
+    def action_high(self) -> np.ndarray: ...  # [A]
+
+    @property
+    def goal_space(self) -> GoalSpace: ...
+
+    @property
+    def subgoal_space(self) -> GoalSpace: ...
+
+    def reset(
+        self,
+        seeds: np.ndarray | None = None,
+        *,
+        mask: np.ndarray | None = None,
+        test: bool = False,
+    ) -> EnvStep:
+        """Starts an episode in each masked environment; `seeds[i]` alone decides the i-th."""
+        ...
+
+    def step(self, actions: np.ndarray, mask: np.ndarray | None = None) -> EnvStep:
+        """One control step with torques [N, A] in each masked environment."""
+        ...
+
+
+class LevelSpec(NamedTuple):
+    """The sizes and units of one level of the hierarchy (Section 3.1)."""
+
+    observation_scale: np.ndarray  # [D]
+    goal_space: GoalSpace  # what it is asked for: the end goal at the top, subgoals below
+    action_dim: int
+    attempts: int  # T_i
+
+    @property
+    def observation_dim(self) -> int:
+        return len(self.observation_scale)
+
+
+def level_specs(env: VectorEnv, horizons: tuple[int, ...]) -> tuple[LevelSpec, ...]:
+    """The levels of an agent with T_i = horizons[i]; level 0 acts, the last pursues the end goal."""
+    top = len(horizons) - 1
+    return tuple(
+        LevelSpec(
+            observation_scale=np.asarray(env.observation_scale, np.float64),
+            goal_space=env.goal_space if level == top else env.subgoal_space,
+            action_dim=len(env.action_low) if level == 0 else env.subgoal_space.dim,
+            attempts=attempts,
+        )
+        for level, attempts in enumerate(horizons)
+    )
