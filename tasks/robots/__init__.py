@@ -1,0 +1,1 @@
+"""The robots that tasks are built on: one entity and its kinematics per file."""
