@@ -3,6 +3,7 @@
 from dm_control import composer
 
 from tasks import pendulum as _pendulum  # registers pendulum_climb and pendulum_balance
+from tasks import pick_place as _pick_place  # registers pick_place
 from tasks import registry, vector
 from tasks.goal_space import GoalSpace
 from tasks.vector import VectorEnv, VectorStep
