@@ -20,7 +20,6 @@ from analysis.load import load
 from analysis.statistics import n_label, success_per_period
 
 DOTS_PER_INCH = 160
-_MOST_TICKS = 12
 
 
 class Look(NamedTuple):
@@ -88,7 +87,7 @@ def plot_success(ax: Axes, summary: pd.DataFrame) -> None:
         raise ValueError(f"a panel shows one task; these results hold {tasks}")
     for layers, curve in summary.groupby("subgoal_layers"):
         _plot_agent(ax, int(layers), curve)
-    _label_periods(ax, summary)
+    label_periods(ax, summary)
     ax.set_title(paper.title(tasks[0]), fontweight="bold")
     ax.set_ylabel("end goals achieved in tests")
     ax.set_ylim(-0.03, 1.03)
@@ -123,11 +122,11 @@ def _plot_agent(ax: Axes, layers: int, curve: pd.DataFrame) -> None:
         )
 
 
-def _label_periods(ax: Axes, summary: pd.DataFrame) -> None:
+def label_periods(ax: Axes, table: pd.DataFrame, most_ticks: int = 12) -> None:
     """Ticks at the test periods, with the training episodes below where agents agree on them."""
-    episodes = summary.groupby("period")["train_episodes"].agg(["min", "max"])
+    episodes = table.groupby("period")["train_episodes"].agg(["min", "max"])
     agree = (episodes["min"] == episodes["max"]).all()
-    shown = episodes.iloc[:: -(-len(episodes) // _MOST_TICKS)]
+    shown = episodes.iloc[:: -(-len(episodes) // most_ticks)]
     labels = [f"{row.Index}\n{row.min}" if agree else f"{row.Index}" for row in shown.itertuples()]
     ax.set_xticks(shown.index, labels)
     ax.set_xlim(-0.3, max(episodes.index.max(), 1) + 0.3)
