@@ -2,9 +2,14 @@
 
 from dm_control import composer
 
-from tasks import pendulum as _pendulum  # registers pendulum_climb and pendulum_balance
-from tasks import pick_place as _pick_place  # registers pick_place
-from tasks import registry, vector
+# Importing a task's module registers it; this order is the order of `ALL`.
+# isort: off
+from tasks import pendulum  # noqa: F401
+from tasks import cartpole  # noqa: F401
+from tasks import pick_place  # noqa: F401
+
+# isort: on
+from tasks import registry
 from tasks.goal_space import GoalSpace
 from tasks.vector import VectorEnv, VectorStep
 

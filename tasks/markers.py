@@ -73,3 +73,8 @@ class Marker(composer.Entity):
     def hide(self, physics) -> None:
         """Puts the marker out of sight."""
         self.show(physics, np.asarray(HIDDEN_POSITION))
+
+
+def subgoal_markers(shape: str, size: Sequence[float], name: str = "subgoal") -> list[Marker]:
+    """Makes one marker for each level that can show its subgoal, the lowest level's first."""
+    return [Marker(f"{name}_{level}", shape, rgba, size) for level, rgba in enumerate(SUBGOAL_RGBA)]

@@ -7,8 +7,11 @@ from dm_control import composer
 
 from tasks import assets, base, goal_space, markers, registry
 
-_CONTROL_TIMESTEP = 0.02  # seconds
-_MAX_STEPS = 400  # control steps
+_SUBSTEPS = 2  # physics steps in a control step
+# Time-optimal control (dynamic programming on a grid) takes 90 steps of 0.025 s to touch the peak
+# and 117 of 0.02 s to come to rest there, both from hanging.
+_CLIMB_TIMESTEP, _CLIMB_MAX_STEPS = 0.025, 300  # seconds in a control step, control steps
+_BALANCE_TIMESTEP, _BALANCE_MAX_STEPS = 0.02, 400
 
 _PIVOT_HEIGHT = 0.8  # metres, as in pendulum.xml
 _LENGTH = 0.5  # metres from the pivot to the tip, as in pendulum.xml
@@ -57,29 +60,36 @@ _SENSORS = _Sensors()
 class Pendulum(base.GoalTask):
     """Swing the pendulum to its peak; with a velocity in the goal space, come to rest there."""
 
-    def __init__(self, goals: goal_space.GoalSpace, goal: tuple[float, ...], test: bool):
+    def __init__(
+        self,
+        goals: goal_space.GoalSpace,
+        goal: tuple[float, ...],
+        *,
+        control_timestep: float,
+        max_steps: int,
+        test: bool,
+    ):
         """Initialises the task.
 
         Args:
           goals: the space of goals and subgoals alike: tip x, z and perhaps angular velocity.
           goal: the end goal, the same in every episode.
-          test: whether episodes begin hanging at rest rather than anywhere.
+          control_timestep: seconds between actions.
+          max_steps: control steps after which an episode is cut off.
+          test: whether episodes begin hanging rather than anywhere.
         """
-        arena = _build_arena()
+        arena = _build_arena(physics_timestep=control_timestep / _SUBSTEPS)
         self._end_goal = np.array(goal)
         self._goal_marker = markers.Marker("goal", "cube", markers.GOAL_RGBA, (0.05, 0.05, 0.05))
-        self._subgoal_markers = [
-            markers.Marker(f"subgoal_{level}", "sphere", rgba, (_MARKER_RADIUS,))
-            for level, rgba in enumerate(markers.SUBGOAL_RGBA)
-        ]
+        self._subgoal_markers = markers.subgoal_markers("sphere", (_MARKER_RADIUS,))
         super().__init__(
             arena,
             goal_space=goals,
             subgoal_space=goals,
             observation_scale=(1.0, 1.0, 10.0),
             markers=[self._goal_marker, *self._subgoal_markers],
-            control_timestep=_CONTROL_TIMESTEP,
-            max_steps=_MAX_STEPS,
+            control_timestep=control_timestep,
+            max_steps=max_steps,
             test=test,
         )
 
@@ -116,9 +126,10 @@ def _tip_position(goal: np.ndarray) -> tuple[float, float, float]:
     return (goal[0], 0.0, goal[1])
 
 
-def _build_arena() -> composer.Arena:
+def _build_arena(physics_timestep: float) -> composer.Arena:
     arena = composer.Arena(xml_path=str(assets.MJCF_DIRECTORY / "arena.xml"))
     arena.mjcf_model.attach(assets.load_mjcf("pendulum.xml"))
+    arena.mjcf_model.option.timestep = physics_timestep
     arena.mjcf_model.worldbody.add(
         "camera", name="front", pos=(0.0, -2.3, 1.0), xyaxes=(1, 0, 0, 0, 0.08, 1), fovy=42
     )
@@ -131,10 +142,22 @@ def _build_arena() -> composer.Arena:
 @registry.add("pendulum", "one_joint")
 def pendulum_climb(test: bool = False) -> Pendulum:
     """Touch the marker at the peak, at any speed."""
-    return Pendulum(_TIP_SPACE, _PEAK, test)
+    return Pendulum(
+        _TIP_SPACE,
+        _PEAK,
+        control_timestep=_CLIMB_TIMESTEP,
+        max_steps=_CLIMB_MAX_STEPS,
+        test=test,
+    )
 
 
 @registry.add("pendulum", "one_joint")
 def pendulum_balance(test: bool = False) -> Pendulum:
     """Be at the peak with near-zero angular velocity."""
-    return Pendulum(_TIP_AND_VELOCITY_SPACE, (*_PEAK, 0.0), test)
+    return Pendulum(
+        _TIP_AND_VELOCITY_SPACE,
+        (*_PEAK, 0.0),
+        control_timestep=_BALANCE_TIMESTEP,
+        max_steps=_BALANCE_MAX_STEPS,
+        test=test,
+    )

@@ -155,12 +155,8 @@ class VectorEnv:
     def _advance(self, actions: np.ndarray, indices: list[int]) -> None:
         """Steps physics in dm_control's order, so that sensors are current afterwards."""
         model, data, controls = self._model, self._data, self._controls
-        step1, step2, step, rest = (
-            mujoco.mj_step1,
-            mujoco.mj_step2,
-            mujoco.mj_step,
-            self._substeps - 1,
-        )
+        step1, step2, step = mujoco.mj_step1, mujoco.mj_step2, mujoco.mj_step
+        rest = self._substeps - 1
         for i in indices:
             controls[i][:] = actions[i]
             data_i = data[i]

@@ -1,0 +1,123 @@
+"""The cartpole task: swing the pole up and hold it near the marker, with the cart below."""
+
+import numpy as np
+from dm_control import composer
+
+from tasks import assets, base, goal_space, markers, registry
+
+_CONTROL_TIMESTEP = 0.0125  # seconds
+_MAX_STEPS = 500  # control steps
+
+_RAIL_HEIGHT = 1.2  # metres, as in cartpole.xml
+_RAIL_HALF_LENGTH = 1.8  # metres, as in cartpole.xml
+_POLE_LENGTH = 1.0  # metres, as in cartpole.xml
+
+# Training episodes start anywhere on the middle of the rail with the pole anywhere but within
+# 45 degrees of upright (radians from hanging); test episodes start hanging near the middle.
+_TRAINING_CART, _TEST_CART = (-1.0, 1.0), (-0.1, 0.1)
+_TRAINING_ANGLE, _TEST_ANGLE = (-0.75 * np.pi, 0.75 * np.pi), (-0.1, 0.1)
+
+_POSITION_THRESHOLD = 0.075  # metres
+_VELOCITY_THRESHOLD = 0.75  # rad/s
+_VELOCITY_BOUND = 15.0  # rad/s
+# The tip's height alone would leave the pole 22 degrees of tilt, and the cart 0.38 m to the side;
+# with the cart within this of the marker's foot, "below" means at most 10 degrees.
+_CART_THRESHOLD = 0.1  # metres
+
+_REACH = _RAIL_HALF_LENGTH + _POLE_LENGTH
+
+_SUBGOAL_SPACE = goal_space.GoalSpace(
+    names=("tip_x", "tip_z", "angular_velocity"),
+    units=("m", "m", "rad/s"),
+    low=np.array([-_REACH, _RAIL_HEIGHT - _POLE_LENGTH, -_VELOCITY_BOUND]),
+    high=np.array([_REACH, _RAIL_HEIGHT + _POLE_LENGTH, _VELOCITY_BOUND]),
+    threshold=np.array([_POSITION_THRESHOLD, _POSITION_THRESHOLD, _VELOCITY_THRESHOLD]),
+)
+
+_GOAL_SPACE = goal_space.GoalSpace(
+    names=(*_SUBGOAL_SPACE.names, "cart_x"),
+    units=(*_SUBGOAL_SPACE.units, "m"),
+    low=np.append(_SUBGOAL_SPACE.low, -_RAIL_HALF_LENGTH),
+    high=np.append(_SUBGOAL_SPACE.high, _RAIL_HALF_LENGTH),
+    threshold=np.append(_SUBGOAL_SPACE.threshold, _CART_THRESHOLD),
+)
+
+# The pole upright and still, above the middle of the rail.
+_END_GOAL = np.array([0.0, _RAIL_HEIGHT + _POLE_LENGTH, 0.0, 0.0])
+
+# Columns of the readings, in the order of cartpole.xml's sensors.
+_TIP_X, _TIP_Z, _CART_X, _CART_VELOCITY, _ANGLE, _ANGULAR_VELOCITY = 0, 2, 3, 4, 5, 6
+
+_MARKER_RADIUS = 0.075  # metres
+
+
+class Cartpole(base.GoalTask):
+    """Swing the pole up by pushing the cart, and be still with the cart below the marker."""
+
+    def __init__(self, test: bool):
+        """Initialises the task; `test` starts episodes hanging near the middle of the rail."""
+        self._goal_marker = markers.Marker("goal", "cube", markers.GOAL_RGBA, (0.07, 0.07, 0.07))
+        self._subgoal_markers = markers.subgoal_markers("sphere", (_MARKER_RADIUS,))
+        super().__init__(
+            _build_arena(),
+            goal_space=_GOAL_SPACE,
+            subgoal_space=_SUBGOAL_SPACE,
+            observation_scale=(_RAIL_HALF_LENGTH, 1.0, 1.0, 5.0, 10.0),
+            markers=[self._goal_marker, *self._subgoal_markers],
+            control_timestep=_CONTROL_TIMESTEP,
+            max_steps=_MAX_STEPS,
+            test=test,
+        )
+
+    def observation_parts(self, readings):
+        angle = readings[..., _ANGLE]
+        return {
+            "cart_position": readings[..., [_CART_X]],
+            "angle": np.stack([np.sin(angle), np.cos(angle)], axis=-1),
+            "cart_velocity": readings[..., [_CART_VELOCITY]],
+            "angular_velocity": readings[..., [_ANGULAR_VELOCITY]],
+        }
+
+    def achieved_goal(self, readings):
+        return readings[..., [_TIP_X, _TIP_Z, _ANGULAR_VELOCITY, _CART_X]]
+
+    def achieved_subgoal(self, readings):
+        return readings[..., [_TIP_X, _TIP_Z, _ANGULAR_VELOCITY]]
+
+    def sample_episode(self, physics, random_state, test):
+        cart = random_state.uniform(*(_TEST_CART if test else _TRAINING_CART))
+        angle = random_state.uniform(*(_TEST_ANGLE if test else _TRAINING_ANGLE))
+        physics.data.qpos[:] = cart, angle
+        physics.data.qvel[:] = 0.0
+        return _END_GOAL
+
+    def place_goal_marker(self, physics, goal):
+        self._goal_marker.show(physics, _tip_position(goal))
+
+    def place_subgoal_marker(self, physics, level, subgoal):
+        if subgoal is None:
+            self._subgoal_markers[level].hide(physics)
+        else:
+            self._subgoal_markers[level].show(physics, _tip_position(subgoal))
+
+
+def _tip_position(goal: np.ndarray) -> tuple[float, float, float]:
+    return (goal[0], 0.0, goal[1])
+
+
+def _build_arena() -> composer.Arena:
+    arena = composer.Arena(xml_path=str(assets.MJCF_DIRECTORY / "arena.xml"))
+    arena.mjcf_model.attach(assets.load_mjcf("cartpole.xml"))
+    arena.mjcf_model.worldbody.add(
+        "camera", name="front", pos=(0, -5.2, 1.5), xyaxes=(1, 0, 0, 0, 0.05, 1), fovy=40
+    )
+    arena.mjcf_model.worldbody.add(
+        "camera", name="side", pos=(3.2, -3.8, 2.3), xyaxes=(0.76, 0.64, 0, -0.16, 0.19, 0.97)
+    )
+    return arena
+
+
+@registry.add("cartpole", "two_joints")
+def cartpole_swingup(test: bool = False) -> Cartpole:
+    """Pole up at the marker with near-zero angular velocity, and the cart below it."""
+    return Cartpole(test)
