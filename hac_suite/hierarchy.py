@@ -27,7 +27,7 @@ class LevelRecord(NamedTuple):
     reached: np.ndarray  # bool: the level's own goal was achieved
     hit: np.ndarray  # bool: the proposed subgoal was achieved (levels > 0)
     tested: np.ndarray  # bool: it was a subgoal test, its own or a higher level's
-    exhausted: np.ndarray  # bool: the level below used all of its attempts
+    exhausted: np.ndarray  # bool: the level below used all of its attempts, none cut short
     segment_end: np.ndarray  # bool: the level's goal was given up or achieved here
 
 
@@ -183,7 +183,9 @@ class Hierarchy:
             if self._record is not None:
                 hit = reached[level - 1] if level else np.zeros_like(ends)
                 self._write(level, time, completed, reached[level], hit, exhausted, ends)
-            exhausted = used_all
+            # A last attempt that was cut short leaves open what it would have come to.
+            cut_short = ~(reached[level - 1] | exhausted) if level else np.zeros_like(ends)
+            exhausted = used_all & ~cut_short
             self._must_propose[level] = completed
             completed = ends
         self._end_episodes(state, reached[self._top], gives_up, last)
