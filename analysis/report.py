@@ -131,29 +131,49 @@ def _policies(run_dir: Path) -> Iterator[str]:
 
 def _reproduction(run_dir: Path, results: pd.DataFrame) -> Iterator[str]:
     yield "<h2>How to reproduce</h2>"
-    try:
-        manifest = json.loads((run_dir / "manifest.json").read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        manifest, note = {}, "This run folder holds no manifest.json."
-    except ValueError as error:
-        manifest, note = {}, f"manifest.json cannot be read: {error}"
+    manifest, problem = _read_manifest(run_dir / "manifest.json")
+    commands = _recorded_commands(manifest) or [_command_for(results)]
+    yield f"<pre>{page.text(chr(10).join(commands))}</pre>"
+    if problem:
+        yield f'<p class="note">{page.text(problem)}</p>'
     else:
-        note = "What ran, where, and with what (manifest.json):"
-    if not isinstance(manifest, Mapping):
-        manifest = {"manifest": manifest}
-    yield f"<pre>{page.text(_command(manifest, results))}</pre>"
-    yield f'<p class="note">{page.text(note)}</p>'
-    if manifest:
-        yield page.table(("entry", "value"), _flatten(manifest))
+        yield "<details><summary>Configuration, versions, machine (manifest.json)</summary>"
+        yield page.table(("entry", "value"), _leaves(manifest))
+        yield "</details>"
 
 
-def _command(manifest: Mapping[str, Any], results: pd.DataFrame) -> str:
-    """The recorded command line, or one that the results themselves ask for."""
-    command = manifest.get("command")
-    if isinstance(command, list):
-        return shlex.join(map(str, command))
-    if command:
-        return str(command)
+def _read_manifest(path: Path) -> tuple[dict[str, Any], str]:
+    """The manifest, or {} and what is wrong: a report is worth having without one."""
+    try:
+        manifest = json.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        return (
+            {},
+            "No manifest.json here: the command is what the results ask for.",
+        )
+    except (OSError, ValueError) as error:
+        return {}, f"manifest.json cannot be read: {error}"
+    if not isinstance(manifest, dict):
+        return {}, "manifest.json is not a run folder's manifest."
+    return manifest, ""
+
+
+def _recorded_commands(manifest: Mapping[str, Any]) -> list[str]:
+    """Command lines of the launches that made the folder, each once, oldest first.
+
+    Each is recorded as the program's own words, which begin with the script.
+    """
+    launches = manifest.get("launches")
+    recorded = [
+        "python " + shlex.join(map(str, launch["command"]))
+        for launch in (launches if isinstance(launches, list) else [])
+        if isinstance(launch, dict) and isinstance(launch.get("command"), list)
+    ]
+    return list(dict.fromkeys(recorded))
+
+
+def _command_for(results: pd.DataFrame) -> str:
+    """A command line that makes results of the same task, agents, seeds and periods."""
     layers = ",".join(str(k) for k in sorted(results["subgoal_layers"].unique()))
     return (
         f"python launch/run.py --task={shlex.quote(results['task'].iloc[0])}"
@@ -162,13 +182,17 @@ def _command(manifest: Mapping[str, Any], results: pd.DataFrame) -> str:
     )
 
 
-def _flatten(tree: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, str]]:
-    """Leaves of a nested dictionary, each under its dotted path."""
-    for key, value in tree.items():
-        if isinstance(value, Mapping):
-            yield from _flatten(value, f"{prefix}{key}.")
-        else:
-            yield f"{prefix}{key}", value if isinstance(value, str) else json.dumps(value)
+def _leaves(tree: Any, path: str = "") -> Iterator[tuple[str, str]]:
+    """Leaves of nested dictionaries and lists of them, each under its dotted path."""
+    if isinstance(tree, dict):
+        items = list(tree.items())
+    elif isinstance(tree, list) and any(isinstance(item, dict) for item in tree):
+        items = list(enumerate(tree))
+    else:
+        yield path, tree if isinstance(tree, str) else json.dumps(tree)
+        return
+    for key, value in items:
+        yield from _leaves(value, f"{path}.{key}" if path else f"{key}")
 
 
 def main(argv: Sequence[str] | None = None) -> None:
