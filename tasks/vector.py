@@ -86,6 +86,7 @@ class VectorEnv:
         self._sensors = [data.sensordata for data in self._data]
         self._equalities = [data.eq_active for data in self._data]
         self._warnings = [data.warning.number for data in self._data]
+        self._warned_at_reset = np.stack(self._warnings)
 
     def reset(
         self, seeds: np.ndarray | None = None, *, mask: np.ndarray | None = None, test: bool = False
@@ -118,11 +119,14 @@ class VectorEnv:
         try:
             with self._physics.reset_context():
                 self._task.begin_episode(self._physics, self._episode_random, test)
-            self._diverged[i] = False
+            readings = self._task.readings(self._physics)
+            self._diverged[i] = not np.isfinite(readings).all()
         except control.PhysicsError:
+            readings = self._task.readings(self._physics)
             self._diverged[i] = True
         mujoco.mj_copyData(self._data[i], self._model, self._physics.data.ptr)
-        self._readings[i] = np.nan_to_num(self._task.readings(self._physics))
+        self._warned_at_reset[i] = self._warnings[i]
+        self._readings[i] = np.nan_to_num(readings, posinf=0.0, neginf=0.0)
         self._goals[i] = self._task.goal
 
     def step(self, actions: np.ndarray, mask: np.ndarray | None = None) -> VectorStep:
@@ -147,9 +151,8 @@ class VectorEnv:
         self._check_finite(actions, chosen)
         if chosen.size:
             indices = chosen.tolist()
-            before = self._gather(self._warnings, indices)
             self._advance(np.clip(actions, self.action_low, self.action_high), indices)
-            self._read(chosen, indices, before)
+            self._read(chosen, indices)
         return self._view()
 
     def _advance(self, actions: np.ndarray, indices: list[int]) -> None:
@@ -165,9 +168,11 @@ class VectorEnv:
                 step(model, data_i, rest)
             step1(model, data_i)
 
-    def _read(self, chosen: np.ndarray, indices: list[int], warnings_before: np.ndarray) -> None:
+    def _read(self, chosen: np.ndarray, indices: list[int]) -> None:
         """Takes the readings of the stepped environments, but for those that just diverged."""
-        broken = (self._gather(self._warnings, indices) > warnings_before).any(axis=-1)
+        # dm_control raises PhysicsError for any MuJoCo warning that a step adds.
+        warned = self._gather(self._warnings, indices) > self._warned_at_reset[chosen]
+        broken = warned.any(axis=-1)
         self._diverged[chosen[broken]] = True
         readings = self._gather(self._sensors, indices)
         if self._model.neq:
