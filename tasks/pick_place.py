@@ -180,7 +180,7 @@ class PickPlace(base.GoalTask):
 
         def accept(goal: np.ndarray) -> bool:
             reach = np.linalg.norm(goal - _HANGING - shoulder)
-            return (
+            return bool(
                 _GOAL_REACH[0] <= reach <= _GOAL_REACH[1]
                 and goal[1] + _HANGING[1] >= _CLEARANCE
                 and np.linalg.norm(goal - rod) >= _GOAL_DISTANCE

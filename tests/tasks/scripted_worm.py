@@ -22,10 +22,8 @@ def actions(env, step) -> np.ndarray:
 def _torques(observation: np.ndarray, goal: np.ndarray) -> np.ndarray:
     joints, velocities = observation[:2], observation[2:4]
     rod, axis, attached = observation[6:8], observation[10:12], observation[13]
-    if attached:
-        target = goal + np.array([0.0, _TO_ROD_TOP])
-    else:
-        target = rod + _TO_ROD_TOP * axis
+    hanging = np.array([0.0, 1.0])
+    target = goal + _TO_ROD_TOP * hanging if attached else rod + _TO_ROD_TOP * axis
     return _STIFFNESS * (inverse_kinematics(target, joints) - joints) - _DAMPING * velocities
 
 
