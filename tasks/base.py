@@ -5,6 +5,7 @@ import collections
 from collections.abc import Callable, Sequence
 
 import numpy as np
+import numpy.typing as npt
 from dm_control import composer
 from dm_control.composer.observation import observable
 
@@ -40,7 +41,7 @@ class GoalTask(composer.Task):
         *,
         goal_space: goal_space_lib.GoalSpace,
         subgoal_space: goal_space_lib.GoalSpace,
-        observation_scale: Sequence[float],
+        observation_scale: npt.ArrayLike,
         markers: Sequence[markers_lib.Marker],
         control_timestep: float,
         max_steps: int,
