@@ -22,7 +22,7 @@ $(STAMP): pyproject.toml constraints.txt
 	@echo "==> setup: creating .venv and installing the pinned versions (a few minutes the first time)"
 	@$(PYTHON) -c 'import sys; sys.exit("Python 3.11 or newer is needed, $(PYTHON) is " + sys.version.split()[0] + "; choose another with PYTHON=python3.x" if sys.version_info < (3, 11) else 0)'
 	@test -x $(BIN)/python || $(PYTHON) -m venv .venv
-	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable '.[dev,notebooks]'
+	$(BIN)/python -m pip install -qq --constraint constraints.txt --editable '.[dev,notebooks]'
 	@touch $(STAMP)
 
 run: $(STAMP)

@@ -1,0 +1,1 @@
+"""Runs experiments: the command line, job planning, worker processes, run folders and videos."""

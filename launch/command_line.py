@@ -1,0 +1,169 @@
+"""The training command line: typed words in; a checked Request or one clear CommandError out."""
+
+import re
+import warnings
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from absl import flags
+from ml_collections import ConfigDict, config_flags
+
+import hac_suite
+import tasks
+from analysis import schema
+from launch import errors, settings
+
+CONFIGS = Path(__file__).parent / "configs"
+DEFAULT_CONFIG = CONFIGS / "paper.py"
+
+_HELP = """Trains hierarchical actor-critic; leaves curves, policies and videos in a folder a task.
+
+  python launch/run.py --task=pick_place --seeds=10
+
+Flags:
+{flags}
+
+Keys for --config.KEY=VALUE, as hac_suite/config.py explains them:
+{keys}
+
+The same command again finishes what is missing and repeats nothing.
+Exit status: 0 all done; 1 some runs failed, the others are kept; 2 the command was wrong."""
+
+
+class Request(NamedTuple):
+    """What one launch is to achieve."""
+
+    tasks: tuple[str, ...]
+    subgoal_layers: tuple[int, ...]
+    seeds: tuple[int, ...]
+    periods: int
+    out: Path
+    workers: int  # 0: one for each core
+    video: bool
+    config: hac_suite.Config
+
+
+class HelpRequested(Exception):
+    """--help was among the words; the message is the help."""
+
+
+def parse(argv: Sequence[str]) -> Request:
+    """Reads the flags in `argv`, whose first item is the program.
+
+    Raises:
+      CommandError: something is misspelt, out of range or of the wrong type; nothing was created.
+      HelpRequested: the command asks for help.
+    """
+    values = _flags()
+    if {"--help", "-help", "-h"} & set(argv):
+        raise HelpRequested(_help(values))
+    _check_config_words(argv)
+    try:
+        with warnings.catch_warnings(action="ignore", category=DeprecationWarning):
+            config_flags.DEFINE_config_file(
+                "config", str(DEFAULT_CONFIG), flag_values=values, sys_argv=list(argv)
+            )
+            extra = values(list(argv))[1:]
+        settings_given = values.config
+    except flags.UnrecognizedFlagError as error:
+        message = errors.unknown("flag", error.flagname, sorted(values))
+        raise errors.CommandError(message) from error
+    except Exception as error:  # a config file is code: it can raise anything
+        raise errors.CommandError(_first_line(error)) from error
+    if extra:
+        raise errors.CommandError(f"unexpected word {extra[0]!r}: flags are typed like --seeds=3")
+    return _request(values, settings_given)
+
+
+def task_names(word: str) -> tuple[str, ...]:
+    """The tasks that a --task flag names: one, or `all` of them."""
+    if word == "all":
+        return tuple(tasks.ALL)
+    if word not in tasks.ALL:
+        raise errors.CommandError(errors.unknown("task", word, [*tasks.ALL, "all"]))
+    return (word,)
+
+
+class _WholeNumber(flags.IntegerParser):
+    def convert(self, argument: Any) -> int:
+        try:
+            return int(argument)
+        except (TypeError, ValueError):
+            raise ValueError("it takes a whole number") from None
+
+
+def _flags() -> flags.FlagValues:
+    values = flags.FlagValues()
+
+    def count(name: str, default: int, description: str, least: int) -> None:
+        parser = _WholeNumber(lower_bound=least)
+        flags.DEFINE(parser, name, default, description, values, flags.ArgumentSerializer())
+
+    flags.DEFINE_string("task", "pick_place", f"{', '.join(tasks.ALL)}, or all", values)
+    count("seeds", 10, "how many seeds: N trains the seeds 0 to N-1", least=1)
+    flags.DEFINE_list(
+        "subgoal_layers", "0,1,2", "which agents; 0 is DDPG with hindsight", flag_values=values
+    )
+    count("periods", 10, "test periods after the untrained one", least=1)
+    flags.DEFINE_string("out", "runs", "where the run folders go", values)
+    count("workers", 0, "processes that train at a time; 0: one for each core", least=0)
+    flags.DEFINE_enum("executor", "local", ["local"], "where the processes run", values)
+    flags.DEFINE_boolean("video", True, "render a video of each agent", values)
+    return values
+
+
+def _request(values: flags.FlagValues, settings_given: ConfigDict) -> Request:
+    return Request(
+        tasks=task_names(values.task),
+        subgoal_layers=_subgoal_layers(values.subgoal_layers),
+        seeds=tuple(range(values.seeds)),
+        periods=values.periods,
+        out=Path(values.out),
+        workers=values.workers,
+        video=values.video,
+        config=settings.to_config(settings_given),
+    )
+
+
+def _subgoal_layers(words: Sequence[str]) -> tuple[int, ...]:
+    valid = [str(layers) for layers in range(schema.MAX_LEVELS)]
+    wrong = [word for word in words if word.strip() not in valid]
+    if wrong or not words:
+        typed = ",".join(words)
+        raise errors.CommandError(
+            f"flag --subgoal_layers={typed}: it takes some of {','.join(valid)}, as in "
+            "--subgoal_layers=0,1"
+        )
+    return tuple(sorted({int(word) for word in words}))
+
+
+def _check_config_words(argv: Sequence[str]) -> None:
+    """Answers a misspelt key or file by name, which config_flags does not."""
+    for word in argv:
+        key = re.match(r"--?(?:no)?config\.([^=]*)", word)
+        if key and key[1] not in settings.field_names():
+            raise errors.CommandError(errors.unknown("config key", key[1], settings.field_names()))
+        file = re.match(r"--?config=(.*)", word)
+        if file and not Path(file[1]).is_file():
+            own = ", ".join(
+                sorted(f"launch/configs/{path.name}" for path in CONFIGS.glob("[!_]*.py"))
+            )
+            raise errors.CommandError(f"there is no config file {file[1]!r}; there are {own}")
+
+
+def _first_line(error: Exception) -> str:
+    lines = str(error).strip().splitlines()
+    return lines[0] if lines else type(error).__name__
+
+
+def _help(values: flags.FlagValues) -> str:
+    described = [
+        (f"--{name}={values[name].default_as_str}".replace("'", ""), values[name].help)
+        for name in values
+    ]
+    described += [("--config=launch/configs/paper.py", "file of hyperparameters to start from")]
+    lines = [f"  {flag:<36}{text}" for flag, text in described]
+    paper = settings.from_preset("paper")
+    keys = [f"  {name:<28}{paper[name]}" for name in settings.field_names()]
+    return _HELP.format(flags="\n".join(lines), keys="\n".join(keys))

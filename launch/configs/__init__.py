@@ -1,0 +1,1 @@
+"""Configurations that `--config` can name: one file per preset, each with a `get_config()`."""

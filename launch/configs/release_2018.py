@@ -1,0 +1,12 @@
+"""The `release_2018` preset: the authors' public release of July 2018.
+
+Each field is explained in hac_suite/config.py.
+"""
+
+from ml_collections import ConfigDict
+
+from launch import settings
+
+
+def get_config() -> ConfigDict:
+    return settings.from_preset("release_2018")

@@ -1,0 +1,99 @@
+"""Writes what the workers report into the run folders; nothing else writes results.csv."""
+
+import time
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+from rich.console import Console
+
+import hac_suite
+from analysis.figure import write_figure
+from launch import manifest, results
+from launch.execution import Failed, Finished, Started
+from launch.planning import Job
+from launch.progress import Board
+from launch.run_folder import RunFolder
+from launch.training import Tested
+
+_SECONDS_BETWEEN_FIGURES = 20.0
+
+
+class Recorder:
+    """The run folders of a launch while it trains.
+
+    Attributes:
+      failures: why each failed job failed.
+    """
+
+    def __init__(
+        self,
+        folders: Mapping[str, RunFolder],
+        manifests: Mapping[str, manifest.Manifest],
+        console: Console,
+    ) -> None:
+        self.folders = dict(folders)
+        self.manifests = dict(manifests)
+        self.failures: dict[Job, str] = {}
+        self._console = console
+        self._drawn = dict.fromkeys(folders, 0.0)
+
+    def prepare(self, task: str, retrained: Iterable[tuple[int, int]]) -> None:
+        """Readies a folder to receive the runs (subgoal_layers, seed) that are about to start."""
+        folder = self.folders[task]
+        dropped = folder.prepare(retrained)
+        if dropped:
+            self._console.print(
+                f"warning: dropped {dropped} line(s) of {folder.results} that a kill had cut short"
+            )
+        manifest.write(folder.manifest, self.manifests[task])
+
+    def receive(self, board: Board, job: Job, message: Any) -> None:
+        """Records one message of a job."""
+        if isinstance(message, Started):
+            board.started(job)
+        elif isinstance(message, hac_suite.Progress):
+            board.progressed(job, message.train_episodes, message.success_rate)
+        elif isinstance(message, Tested):
+            self._tested(board, job, message)
+        elif isinstance(message, Finished):
+            board.ended(job, "done")
+            self._finished(job, message)
+        elif isinstance(message, Failed):
+            board.ended(job, "failed")
+            self.failures[job] = message.reason
+            self.folders[job.agent.task].keep_failure(job)
+        else:
+            raise TypeError(f"job {job.name} sent {message!r}")
+
+    def close(self) -> None:
+        """Draws the final figures and notes when the launch ended."""
+        for task, folder in self.folders.items():
+            self._draw(folder)
+            self.manifests[task]["finished"] = manifest.now()
+            manifest.write(folder.manifest, self.manifests[task])
+
+    def _tested(self, board: Board, job: Job, message: Tested) -> None:
+        folder = self.folders[job.agent.task]
+        results.append(folder.results, message.rows)
+        success = sum(row["success_rate"] for row in message.rows) / len(message.rows)
+        board.progressed(job, message.rows[0]["train_episodes"], success)
+        if time.monotonic() - self._drawn[folder.task] >= _SECONDS_BETWEEN_FIGURES:
+            self._draw(folder)
+            self._drawn[folder.task] = time.monotonic()
+
+    def _finished(self, job: Job, message: Finished) -> None:
+        task, subgoal_layers = job.agent
+        record = {
+            "subgoal_layers": subgoal_layers,
+            "seeds": list(job.seeds),
+            "seconds": round(message.seconds, 1),
+        }
+        self.manifests[task]["jobs"].append(record)
+        manifest.write(self.folders[task].manifest, self.manifests[task])
+
+    def _draw(self, folder: RunFolder) -> None:
+        """Refreshes the figure; a figure that cannot be drawn is no reason to stop training."""
+        try:
+            write_figure(folder.path)
+        except Exception as error:
+            self._console.print(f"warning: {folder.figure} was not refreshed: {error}")

@@ -1,0 +1,127 @@
+"""A task's run folder: its layout, its lock, and which seeds are finished in it."""
+
+import fcntl
+import json
+import os
+import shutil
+import time
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from launch import results
+from launch.errors import CommandError
+from launch.planning import Agent, Job
+
+POLICY_SUFFIXES = (".json", ".safetensors")
+
+
+class RunFolder:
+    """`<out>/<task>/`, and nothing above it.
+
+    Raises:
+      CommandError: the task's name is not the name of a folder.
+    """
+
+    def __init__(self, out: Path, task: str) -> None:
+        if task in ("", ".", "..") or "\0" in task or Path(task).name != task:
+            raise CommandError(f"{task!r} cannot name a run folder")
+        self.task = task
+        self.path = Path(out) / task
+        self.results = self.path / "results.csv"
+        self.manifest = self.path / "manifest.json"
+        self.figure = self.path / "figure.png"
+        self.report = self.path / "report.html"
+        self.policies = self.path / "policies"
+        self.videos = self.path / "videos"
+        self.failures = self.path / "failures"
+
+    def policy(self, subgoal_layers: int, seed: int) -> Path:
+        """Path of a policy without its two suffixes."""
+        return self.policies / f"{self.task}_{subgoal_layers}layers_seed{seed}"
+
+    def video(self, subgoal_layers: int) -> Path:
+        return self.videos / f"{self.task}_{subgoal_layers}layers.mp4"
+
+    def failure(self, job: Job) -> Path:
+        return self.failures / f"{job.name}.txt"
+
+    def log(self, job: Job) -> Path:
+        """What a worker prints while it runs; becomes its failure file if it fails."""
+        return self.path / f".{job.name}.log"
+
+    @contextmanager
+    def lock(self) -> Iterator[None]:
+        """Makes the folder and keeps other launches out of it; a dead launch's lock is void.
+
+        Raises:
+          CommandError: a launch is at work here, or the folder cannot be written.
+        """
+        try:
+            self.path.mkdir(parents=True, exist_ok=True)
+            file = (self.path / ".lock").open("a+", encoding="utf-8")
+        except OSError as error:
+            raise CommandError(f"cannot write to {self.path}: {error.strerror}") from error
+        with file:
+            try:
+                # The system drops this lock with the process, however that ends.
+                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except OSError as error:
+                raise CommandError(self._held_message(file)) from error
+            file.truncate(0)
+            holder = {"pid": os.getpid(), "since": time.strftime("%Y-%m-%d %H:%M:%S")}
+            json.dump(holder, file)
+            file.flush()
+            yield
+
+    def _held_message(self, file) -> str:
+        file.seek(0)
+        try:
+            holder = json.load(file)
+            who = f"process {holder['pid']}, started {holder['since']}"
+        except (ValueError, KeyError):
+            who = "another process"
+        return f"{self.path} is in use by {who}; wait for it, or give another --out"
+
+    def finished(self, agent: Agent, periods: int) -> set[int]:
+        """Seeds whose test periods 0 to `periods` and last policy are all here."""
+        seen: dict[int, set[int]] = {}
+        for row in results.read(self.results)[0]:
+            if row["subgoal_layers"] == str(agent.subgoal_layers):
+                seen.setdefault(int(row["seed"]), set()).add(int(row["period"]))
+        return {
+            seed
+            for seed, tested in seen.items()
+            if tested >= set(range(periods + 1)) and self.has_policy(agent.subgoal_layers, seed)
+        }
+
+    def has_policy(self, subgoal_layers: int, seed: int) -> bool:
+        stem = self.policy(subgoal_layers, seed)
+        return all(stem.with_name(stem.name + suffix).is_file() for suffix in POLICY_SUFFIXES)
+
+    def prepare(self, retrained: Iterable[tuple[int, int]]) -> int:
+        """Makes the subfolders and drops what stands in the way of training these seeds anew.
+
+        Args:
+          retrained: (subgoal_layers, seed) of each run that is about to start.
+
+        Returns:
+          How many lines of results.csv had been cut short by a kill, and were dropped.
+        """
+        for folder in (self.policies, self.videos):
+            folder.mkdir(exist_ok=True)
+        shutil.rmtree(self.failures, ignore_errors=True)
+        for leftover in [*self.path.glob(".*.log"), *self.path.glob("*/.*")]:
+            leftover.unlink(missing_ok=True)
+        doomed = {(str(layers), str(seed)) for layers, seed in retrained}
+        rows, dropped = results.read(self.results)
+        kept = [row for row in rows if (row["subgoal_layers"], row["seed"]) not in doomed]
+        if dropped or len(kept) != len(rows) or not self.results.exists():
+            results.rewrite(self.results, kept)
+        return dropped
+
+    def keep_failure(self, job: Job) -> Path:
+        """Keeps what a failed worker printed, its traceback at the end; returns the file."""
+        self.failures.mkdir(exist_ok=True)
+        self.log(job).replace(self.failure(job))
+        return self.failure(job)

@@ -1,0 +1,81 @@
+"""What a worker does with a job: trains its population, saves its policies, sends its rows."""
+
+import functools
+import os
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import torch
+
+import hac_suite
+import tasks
+from launch import settings
+from launch.execution import Send
+from launch.planning import Job
+from launch.run_folder import POLICY_SUFFIXES, RunFolder
+
+
+class Tested(NamedTuple):
+    """One test period of the job's seeds: rows of results.csv."""
+
+    period: int
+    rows: list[dict]
+
+
+class Plan(NamedTuple):
+    """What the jobs of one task have in common."""
+
+    out: Path
+    config: hac_suite.Config
+    horizons: Mapping[int, tuple[int, ...]]  # by number of subgoal layers
+    periods: int
+
+
+def train_job(job: Job, send: Send, *, plans: Mapping[str, Plan]) -> None:
+    """Trains the job's seeds; sends hac_suite.Progress and Tested messages.
+
+    The last period's policies are on the disk before its rows are sent: a seed with all its rows
+    has its policy.
+    """
+    torch.set_num_threads(1)
+    torch.set_flush_denormal(True)
+    task, subgoal_layers = job.agent
+    plan = plans[task]
+    results = hac_suite.train(
+        functools.partial(tasks.load_vector, task),
+        plan.config,
+        job.seeds,
+        subgoal_layers=subgoal_layers,
+        horizons=plan.horizons[subgoal_layers],
+        periods=plan.periods,
+        on_progress=send,
+    )
+    for result in results:
+        rows = [{"task": task, **row} for row in result.rows]
+        if result.period == plan.periods:
+            _save(job, result.policies, rows, plan)
+        send(Tested(result.period, rows))
+
+
+def _save(job: Job, policies: Sequence[hac_suite.Policy], rows: list[dict], plan: Plan) -> None:
+    folder = RunFolder(plan.out, job.agent.task)
+    for seed, policy, row in zip(job.seeds, policies, rows, strict=True):
+        metadata = {
+            "task": job.agent.task,
+            "subgoal_layers": job.agent.subgoal_layers,
+            "seed": seed,
+            "period": int(row["period"]),
+            "train_episodes": int(row["train_episodes"]),
+            "success_rate": float(row["success_rate"]),
+            "config": settings.as_json(plan.config),
+        }
+        save_policy(policy, folder.policy(job.agent.subgoal_layers, seed), metadata)
+
+
+def save_policy(policy: hac_suite.Policy, path: Path, metadata: dict) -> None:
+    """Saves a policy so that a kill leaves none of it or all of it under `path`'s name."""
+    temporary = path.with_name(f".{path.name}")
+    policy.save(temporary, metadata)
+    for suffix in POLICY_SUFFIXES:  # the weights last: they are what a reader looks for
+        os.replace(temporary.with_name(temporary.name + suffix), path.with_name(path.name + suffix))
