@@ -63,8 +63,8 @@ def _values(results: pd.DataFrame, level: int, quantity: str) -> pd.Series:
     """[rows] of the quantity, NaN where the agent or the seed does not have it."""
     if quantity != "missed":
         return _column(results, level, quantity)
-    proposed = _column(results, level, "proposed")
-    return 1 - _column(results, level, "achieved") / proposed.where(proposed > 0)
+    # 0 / 0 is NaN: nothing proposed, no share of misses.
+    return 1 - _column(results, level, "achieved") / _column(results, level, "proposed")
 
 
 def _column(results: pd.DataFrame, level: int, field: str) -> pd.Series:

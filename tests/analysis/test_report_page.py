@@ -110,9 +110,7 @@ def test_commands_and_configuration_come_from_the_manifest(make_run):
     assert ["launches.1.commit", "abd"] in entries
 
 
-@pytest.mark.parametrize(
-    "content", ["{", "[1]", "null", '{"launches": 3}', '{"launches": [1, {}]}']
-)
+@pytest.mark.parametrize("content", ["{", "[1]", '{"launches": [1, {}]}'])
 def test_a_broken_manifest_does_not_cost_the_report(make_run, content):
     folder = make_run(CURVES)
     (folder / "manifest.json").write_text(content)

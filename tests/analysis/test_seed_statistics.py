@@ -38,6 +38,12 @@ def test_two_seeds_give_the_pair_as_interval():
     assert mean_interval([0.0, 1.0]) == (0.5, 0.0, 1.0)
 
 
+def test_values_apart_by_rounding_alone_do_not_give_nan():
+    # BCa has no answer here: every resampled mean is at one end of the sample or rounds to it.
+    almost = np.nextafter(1.0, 0.0)
+    assert mean_interval([1.0] * 9 + [almost]) == pytest.approx((1.0, 1.0, 1.0))
+
+
 def test_interval_is_near_the_normal_one_for_symmetric_values():
     values = np.linspace(0.4, 0.6, 21)
     half = 1.96 * values.std() / np.sqrt(21)
