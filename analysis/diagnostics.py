@@ -31,9 +31,9 @@ def level_means(results: pd.DataFrame) -> pd.DataFrame:
 
     Returns:
       Columns subgoal_layers, level (0 acts), quantity (a key of `QUANTITIES`), period,
-      train_episodes, n, mean. "missed" is 1 - achieved / proposed of the subgoals that the level
-      proposed, per seed. Only the `n` seeds that have the quantity count: one that proposed
-      nothing has no share of misses.
+      train_episodes, n, mean. "missed" is the share of the subgoals that the level proposed in
+      training since the last period and that were not achieved. Only the `n` seeds that have the
+      quantity count: none has proposed anything at period 0.
     """
     tables = [pd.DataFrame(columns=list(_COLUMNS))]
     for level in _levels(results):
@@ -63,8 +63,7 @@ def _values(results: pd.DataFrame, level: int, quantity: str) -> pd.Series:
     """[rows] of the quantity, NaN where the agent or the seed does not have it."""
     if quantity != "missed":
         return _column(results, level, quantity)
-    # 0 / 0 is NaN: nothing proposed, no share of misses.
-    return 1 - _column(results, level, "achieved") / _column(results, level, "proposed")
+    return 1 - _column(results, level, "achieved")
 
 
 def _column(results: pd.DataFrame, level: int, field: str) -> pd.Series:

@@ -14,6 +14,11 @@ from analysis import schema
 RESULTS_FILE = "results.csv"
 
 _LARGEST_WHOLE = 2**53
+_SHARES = {
+    schema.level_column(level, field)
+    for level in range(schema.MAX_LEVELS)
+    for field in schema.SHARES
+}
 _MISSING_FILE = (
     "{path}: no results.csv here; give a run folder such as runs/pick_place, or the file"
 )
@@ -115,6 +120,8 @@ def _check_range(numbers: pd.Series, written: pd.Series, path: Path) -> None:
         _check(whole, written, path, "a whole number of at least 0")
     elif numbers.name == "success_rate":
         _check(numbers.between(0, 1), written, path, "a rate from 0 to 1")
+    elif numbers.name in _SHARES:
+        _check(numbers.between(0, 1) | numbers.isna(), written, path, "empty or a share of 1")
 
 
 def _check(valid: pd.Series, written: pd.Series, path: Path, expected: str) -> None:

@@ -29,6 +29,13 @@ LEVEL_FIELDS = (
     "replay_fill",
     "success",
 )
+"""Per level: attempts per training episode since the last test period (`proposed`); the shares of
+these attempts whose subgoal was `achieved`, `tested` or `penalised` (empty at level 0, which
+proposes actions); the learner's state on replayed transitions; the share of the level's own goals
+that it reached in training (`success`)."""
+
+SHARES = ("achieved", "tested", "penalised", "success")
+"""Level fields that are shares of counts, hence from 0 to 1."""
 
 MAX_LEVELS = 3
 """Levels that always have columns; they are empty where an agent lacks the level."""

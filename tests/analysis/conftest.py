@@ -51,8 +51,8 @@ def _row(
     for level in range(layers + 1):
         row[schema.level_column(level, "q_mean")] = -5.0 - level
     for level in range(1, layers + 1):
-        row[schema.level_column(level, "proposed")] = 200
-        row[schema.level_column(level, "achieved")] = 200 * success
+        row[schema.level_column(level, "proposed")] = 20.0 if period else None
+        row[schema.level_column(level, "achieved")] = success if period else None
     return row
 
 

@@ -108,6 +108,7 @@ def test_missing_columns_are_all_named(make_run):
         ("period", "inf", "period is 'inf', not a whole number"),
         ("train_episodes", "1e300", "train_episodes is '1e300', not a whole number"),
         ("level1_q_mean", "x", "level1_q_mean is 'x', not a number"),
+        ("level1_achieved", "200", "level1_achieved is '200', not empty or a share of 1"),
         ("task", " ", "task is ' ', not a task's name"),
     ],
 )
