@@ -60,8 +60,10 @@ class VectorEnv:
         # The Composer environment is kept: its physics prepares every reset and renders.
         self._environment = environment
         self._physics = environment.physics
+        self._closed = False
         self._task: base.GoalTask = environment.task
         self.max_steps = self._task.max_steps
+        self.control_timestep = self._task.control_timestep
         self.goal_space = self._task.goal_space
         self.subgoal_space = self._task.subgoal_space
         self.observation_scale = self._task.observation_scale
@@ -240,5 +242,7 @@ class VectorEnv:
         return self._physics.render(height=height, width=width, camera_id=camera).copy()
 
     def close(self) -> None:
-        """Frees the physics and the rendering context; the environment cannot be used after."""
-        self._environment.close()
+        """Frees the physics and the rendering context; nothing can be used after. Repeatable."""
+        if not self._closed:
+            self._environment.close()
+            self._closed = True
