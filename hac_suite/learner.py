@@ -26,7 +26,7 @@ class BoundedCritic:
         self._offset = -math.log(self.bound / -initial_q - 1)
 
     def value(self, raw: torch.Tensor) -> torch.Tensor:
-        return torch.sigmoid(raw + self._offset).mul_(-self.bound)
+        return torch.sigmoid(raw + self._offset) * -self.bound
 
     def raw_gradient(self, gradient: torch.Tensor, value: torch.Tensor) -> torch.Tensor:
         """d loss / dx from d loss / dQ: dQ/dx = Q * (1 + Q / T)."""

@@ -1,0 +1,51 @@
+"""Configs: presets, defaults for T_i, and values that cannot be."""
+
+import dataclasses
+
+import pytest
+
+from hac_suite.config import PAPER, PRESETS, horizons
+
+
+def test_presets_differ_from_each_other():
+    assert len(set(PRESETS.values())) == len(PRESETS) == 3
+
+
+@pytest.mark.parametrize(
+    ("field", "value"),
+    [
+        ("subgoal_test_rate", 1.5),
+        ("random_action_rate", -0.1),
+        ("action_noise", -1.0),
+        ("batch_size", 0),
+        ("hindsight_goals", -1),
+        ("learning_rate", 0.0),
+        ("initial_q", 0.5),
+        ("test_draw", "sometimes"),
+        ("hindsight_relabels", "none"),
+        ("hidden_sizes", ()),
+        ("episodes_per_period", 301),
+    ],
+)
+def test_impossible_values_are_named(field, value):
+    with pytest.raises(ValueError, match=field):
+        dataclasses.replace(PAPER, **{field: value})
+
+
+@pytest.mark.parametrize(
+    ("max_steps", "layers", "expected"),
+    [
+        (300, 0, (300,)),
+        (300, 1, (18, 18)),
+        (300, 2, (7, 7, 7)),
+        (400, 1, (20, 20)),
+        (1, 2, (1, 1, 1)),
+    ],
+)
+def test_default_horizons_span_the_episode(max_steps, layers, expected):
+    assert horizons(max_steps, layers) == expected
+
+
+def test_negative_layers_are_refused():
+    with pytest.raises(ValueError, match="subgoal_layers"):
+        horizons(100, -1)

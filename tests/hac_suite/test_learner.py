@@ -1,0 +1,125 @@
+"""Losses, targets and updates against values worked by hand and against autograd."""
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+import torch
+
+from hac_suite.config import PAPER
+from hac_suite.learner import BoundedCritic, Learner, UnboundedCritic, critic_gradient
+from hac_suite.replay import RowLayout
+from hac_suite.types import LevelSpec
+from tasks.goal_space import GoalSpace
+
+GOALS = GoalSpace(("x",), ("m",), np.array([-2.0]), np.array([2.0]), np.array([0.1]))
+SPEC = LevelSpec(observation_scale=np.ones(2), goal_space=GOALS, action_dim=2, attempts=10)
+LAYOUT = RowLayout.of(SPEC)
+ROWS = 6
+
+
+def a_batch(seeds: int = 2, dtype: torch.dtype = torch.float32) -> torch.Tensor:
+    generator = torch.Generator().manual_seed(7)
+    rows = torch.randn(seeds, ROWS, LAYOUT.width, generator=generator)
+    rows[..., LAYOUT.block - 1] = rows[..., 2 * LAYOUT.block - 1] = 1
+    rows[..., -2] = -1
+    rows[..., -1] = torch.tensor([0.98, 0.0] * (ROWS // 2))
+    return rows.to(dtype)
+
+
+def a_learner(seeds: int = 2, **changes) -> Learner:
+    config = dataclasses.replace(PAPER, **changes)
+    return Learner(SPEC, config, [torch.Generator().manual_seed(s) for s in range(seeds)])
+
+
+def test_bounded_critic_by_hand():
+    critic = BoundedCritic(attempts=10, initial_q=-0.1)
+    # Raw 0 is the optimistic start; raw = +offset' with sigmoid = 1/2 is half the bound.
+    assert critic.value(torch.tensor(0.0)).item() == pytest.approx(-0.1)
+    assert critic.value(torch.tensor(math.log(99.0))).item() == pytest.approx(-5.0)
+    assert critic.clip(torch.tensor([-11.0, -3.0, 1.0])).tolist() == [-10.0, -3.0, 0.0]
+    # dQ/dx = -T s (1 - s): at s = 1/2, -10 / 4.
+    slope = critic.raw_gradient(torch.tensor(1.0), torch.tensor(-5.0))
+    assert slope.item() == pytest.approx(-2.5)
+
+
+def test_unbounded_critic_is_the_identity():
+    critic, raw = UnboundedCritic(), torch.tensor([-300.0, 4.0])
+    assert torch.equal(critic.value(raw), raw)
+    assert torch.equal(critic.clip(raw), raw)
+    assert torch.equal(critic.raw_gradient(raw, torch.zeros(2)), raw)
+
+
+def test_critic_gradient_by_hand():
+    # Loss = ((-1 - -2)^2 + (-4 - -1)^2) / 2; its derivatives are (-1+2), (-4+1).
+    found = critic_gradient(torch.tensor([[-1.0, -4.0]]), torch.tensor([[-2.0, -1.0]]))
+    assert found.tolist() == [[1.0, -3.0]]
+
+
+def test_target_by_hand():
+    """y = r + gamma_g Q': with an untrained critic Q' is about initial_q, and gamma_g = 0 drops it."""
+    learner = a_learner(seeds=1)
+    learner.target_critic.parameters.zero_()
+    block = a_batch(1)[..., LAYOUT.block : 2 * LAYOUT.block]
+    reward = torch.tensor([[-1.0, -1.0, -1.0, -10.0, 0.0, -1.0]])
+    discount = torch.tensor([[0.98, 0.98, 0.0, 0.0, 0.0, 0.98]])
+    target = learner._target(block, reward, discount)
+    bootstrapped = -1 - 0.98 * 0.067
+    expected = [bootstrapped, bootstrapped, -1.0, -10.0, 0.0, bootstrapped]
+    assert target[0].tolist() == pytest.approx(expected, abs=1e-6)
+
+
+def autograd_critic_gradient(learner: Learner, rows: torch.Tensor) -> torch.Tensor:
+    """The gradient of each seed's critic loss, from its definition."""
+    copy = rows.clone()
+    block, after = copy[..., : LAYOUT.block], copy[..., LAYOUT.block : 2 * LAYOUT.block]
+    target = learner._target(after, copy[..., -2], copy[..., -1])
+    flat = learner.critic.parameters.detach().clone().requires_grad_()
+    hidden = block
+    for index, weight in enumerate(learner.critic._views(flat)):
+        if index:
+            hidden = torch.cat([hidden.relu(), torch.ones_like(hidden[..., :1])], dim=-1)
+        hidden = hidden @ weight
+    value = learner.critic_kind.value(hidden[..., 0])
+    loss = ((value - target) ** 2).mean(dim=1).sum()
+    return torch.autograd.grad(loss, flat)[0]
+
+
+@pytest.mark.parametrize("bounded", [True, False])
+def test_critic_update_follows_the_gradient_of_its_loss(bounded):
+    learner, rows = a_learner(bounded_critic=bounded), a_batch()
+    expected = autograd_critic_gradient(learner, rows)
+    block, after = rows[..., : LAYOUT.block], rows[..., LAYOUT.block : 2 * LAYOUT.block]
+    learner._update_critic(block, learner._target(after, rows[..., -2], rows[..., -1]))
+    torch.testing.assert_close(learner.critic.gradient, expected, rtol=1e-4, atol=1e-6)
+
+
+def test_actor_update_raises_the_critics_value():
+    learner, rows = a_learner(target_rate=0.0), a_batch()
+    learner.critic.parameters.copy_(torch.randn(learner.critic.parameters.shape) * 0.3)
+
+    def mean_value() -> torch.Tensor:
+        block = rows[..., : LAYOUT.block].clone()
+        learner._act(learner.actor, block)
+        return learner.critic_kind.value(learner.critic.forward(block)[..., 0]).mean(dim=1)
+
+    before = mean_value()
+    for _ in range(20):
+        learner._update_actor(rows[..., : LAYOUT.block].clone())
+    assert (mean_value() > before).all()
+
+
+def test_targets_follow_at_the_target_rate():
+    learner = a_learner(target_rate=0.25)
+    old_target, rows = learner.target_actor.parameters.clone(), a_batch()
+    learner.update(rows)
+    expected = old_target + 0.25 * (learner.actor.parameters - old_target)
+    torch.testing.assert_close(learner.target_actor.parameters, expected)
+    assert not torch.equal(learner.actor.parameters, old_target)
+
+
+def test_without_target_networks_the_online_ones_serve():
+    learner = a_learner(target_rate=0.0)
+    assert learner.target_actor is learner.actor
+    assert learner.target_critic is learner.critic
