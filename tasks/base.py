@@ -191,10 +191,11 @@ class GoalTask(composer.Task):
     def after_compile(self, physics, random_state) -> None:
         """Makes the observables; only the compiled model tells how many readings there are."""
         del random_state
-        functions = {
-            name: lambda physics, name=name: self.observation_parts(self.readings(physics))[name]
-            for name in self.observation_parts(self.readings(physics))
-        }
+        functions: dict[str, Callable[..., np.ndarray]] = {}
+        for part in self.observation_parts(self.readings(physics)):
+            functions[part] = lambda physics, part=part: self.observation_parts(
+                self.readings(physics)
+            )[part]
         functions["achieved_goal"] = lambda physics: self.achieved_goal(self.readings(physics))
         functions["desired_goal"] = lambda physics: self._goal.copy()
         for level in range(markers_lib.SUBGOAL_LEVELS):

@@ -11,6 +11,7 @@ from tasks import loading
 _NAMESPACE = "HACSuite"
 _VERSION = "v0"
 _ACRONYMS = {"ur5": "UR5"}  # words of task names that are not capitalised like others
+_OBSERVED = ("observation", "achieved_goal", "desired_goal")
 _SEEDS = 2**32  # episode seeds lie in [0, 2**32)
 
 
@@ -101,7 +102,7 @@ class GoalEnv(gymnasium.Env):
         self._env.close()
 
     def _observation(self, step) -> dict[str, np.ndarray]:
-        return {key: getattr(step, key)[0] for key in self.observation_space}
+        return {key: getattr(step, key)[0] for key in _OBSERVED}
 
     def _info(self, step) -> dict[str, Any]:
         diverged = bool(step.diverged[0])

@@ -44,7 +44,7 @@ class Marker(composer.Entity):
             geom.fromto = (0, 0, -half_length, 0, 0, half_length)
         else:
             geom.size = size
-        self._mocap_id = None
+        self._mocap_id = -1  # known once compiled
 
     @property
     def mjcf_model(self):
