@@ -18,7 +18,7 @@ class Config:
 
     # -- Subgoal testing (Section 3.2)
     subgoal_test_rate: float = 0.3  # lambda; R20 0.3, R18 0.2
-    test_draw: Literal["top", "each_level"] = "top"  # text: one Boolean a top-level attempt (Alg. 1)
+    test_draw: Literal["top", "each_level"] = "top"  # text: one a top-level attempt (Alg. 1)
     tested_subgoal_noise_free: bool = True  # text; in R18 and R20 the tested subgoal may be noisy
     penalise_cut_short: bool = False  # ours: only a lower level that used all T_i has failed
 
@@ -50,13 +50,14 @@ class Config:
     replay_capacity: int = 300_000  # transitions per level and seed; ours
     bounded_critic: bool = True  # R20: -T_i * sigmoid, and targets clipped to [-T_i, 0]
     initial_q: float = -0.067  # R20: the bounded critic's optimistic start
+    saturation_penalty: float = 1e-2  # ours: on the actor's squared output before the tanh
     target_rate: float = 0.05  # R18: Polyak; 0 learns from the online networks, as R20 does
     test_averaged_actor: bool = True  # R18: tests use the averaged actor
 
     def __post_init__(self) -> None:
         for name in ("subgoal_test_rate", "random_action_rate", "discount", "target_rate"):
             self._require(name, 0 <= getattr(self, name) <= 1, "between 0 and 1")
-        for name in ("action_noise", "subgoal_noise"):
+        for name in ("action_noise", "subgoal_noise", "saturation_penalty"):
             self._require(name, 0 <= getattr(self, name) < math.inf, "zero or more")
         for name in _COUNTS:
             self._require(name, getattr(self, name) >= 1, "at least 1")

@@ -250,6 +250,7 @@ class Hierarchy:
         exhausted: np.ndarray,
         ends: np.ndarray,
     ) -> None:
+        assert self._record is not None
         record = self._record.levels[level]
         record.done[time] = completed
         record.start[time] = self._start[level]

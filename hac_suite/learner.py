@@ -63,6 +63,7 @@ class Learner:
         critic_sizes = (features + spec.action_dim, *config.hidden_sizes, 1)
         self._layout = RowLayout.of(spec)
         self._target_rate = config.target_rate
+        self._saturation_penalty = config.saturation_penalty
         self.actor = StackedMLP(seeds, actor_sizes)
         self.critic = StackedMLP(seeds, critic_sizes)
         for seed, generator in enumerate(generators):
@@ -108,12 +109,17 @@ class Learner:
         value = self.critic_kind.value(self.target_critic.forward(after)[..., 0])
         return self.critic_kind.clip(value.mul_(discount).add_(reward))
 
-    def _act(self, actor: StackedMLP, block: torch.Tensor) -> torch.Tensor:
-        """Writes the actor's output into the block's action columns, and returns it."""
+    def _act(self, actor: StackedMLP, block: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        """Writes the actor's output into the block's action columns.
+
+        Returns:
+            The output [S, B, A], and what it was before the tanh.
+        """
         actions = self._layout.action_dim
-        output = torch.tanh(actor.forward(block[..., actions:]))
+        raw = actor.forward(block[..., actions:])
+        output = torch.tanh(raw)
         block[..., :actions] = output
-        return output
+        return output, raw
 
     def _update_critic(self, now: torch.Tensor, target: torch.Tensor) -> None:
         value = self.critic_kind.value(self.critic.forward(now)[..., 0])
@@ -122,19 +128,24 @@ class Learner:
         self.optimisers[0].step()
 
     def _update_actor(self, now: torch.Tensor) -> None:
-        """Ascends the mean over the batch of Q(s, pi(s, g), g)."""
-        output = self._act(self.actor, now)
+        """Ascends the mean over the batch of Q(s, pi(s, g), g), less the penalty on saturation.
+
+        Where tanh is flat, Q gives the actor nothing to follow; the penalty on its argument does.
+        """
+        output, before_tanh = self._act(self.actor, now)
         value = self.critic_kind.value(self.critic.forward(now)[..., 0])
         ascent = torch.full_like(value, -1 / value.shape[1])
         raw = self.critic_kind.raw_gradient(ascent, value).unsqueeze(-1)
         to_action = self.critic.backward(raw, parameters=False, inputs=self._layout.action_dim)
-        self.actor.backward(to_action.mul_(1 - output * output))
+        assert to_action is not None
+        pull = before_tanh * (2 * self._saturation_penalty / value.shape[1])
+        self.actor.backward(to_action.mul_(1 - output * output).add_(pull))
         self.optimisers[1].step()
 
     def diagnose(self, rows: torch.Tensor) -> dict[str, list[float]]:
         """Per seed: mean and least Q of the policy, share of Q at the bound, saturation."""
         block = rows[..., : self._layout.block]
-        output = self._act(self.actor, block)
+        output, _ = self._act(self.actor, block)
         value = self.critic_kind.value(self.critic.forward(block)[..., 0])
         bound = getattr(self.critic_kind, "bound", math.inf)
         return {

@@ -1,5 +1,6 @@
 """Goal-conditioned actors of a hierarchy: how they act, and how they are kept as files."""
 
+import itertools
 import json
 from collections.abc import Sequence
 from pathlib import Path
@@ -111,9 +112,7 @@ class Policy:
             tensors = safetensors.torch.load_file(tensors_path)
         except (OSError, safetensors.SafetensorError) as error:
             raise ValueError(f"{tensors_path} is not a safetensors policy: {error}") from error
-        horizons = metadata.get("horizons")
-        if not _positive_ints(horizons):
-            raise ValueError(f"{json_path}: horizons is {horizons!r}, not a list of counts.")
+        horizons = _horizons(metadata, json_path)
         networks = [_network(tensors, level, tensors_path) for level in range(len(horizons))]
         return cls(networks, horizons, metadata)
 
@@ -128,10 +127,15 @@ def _columns(network: StackedMLP, layer: int) -> int:
     return network.outputs if layer == len(network.weights) - 1 else network.sizes[layer + 1]
 
 
-def _positive_ints(value: Any) -> bool:
-    return isinstance(value, list) and len(value) > 0 and all(
-        isinstance(item, int) and item > 0 for item in value
-    )
+def _horizons(description: dict[str, Any], path: Path) -> list[int]:
+    value = description.get("horizons")
+    if not isinstance(value, list) or not value or not all(map(_is_count, value)):
+        raise ValueError(f"{path}: horizons is {value!r}, not a list of counts.")
+    return value
+
+
+def _is_count(value: Any) -> bool:
+    return isinstance(value, int) and value > 0
 
 
 def _read_description(path: Path) -> dict[str, Any]:
@@ -145,10 +149,10 @@ def _read_description(path: Path) -> dict[str, Any]:
 
 
 def _network(tensors: dict[str, torch.Tensor], level: int, path: Path) -> StackedMLP:
-    layers = []
+    layers: list[torch.Tensor] = []
     while f"level{level}.layer{len(layers)}" in tensors:
         layers.append(tensors[f"level{level}.layer{len(layers)}"])
-    chained = all(a.shape[1] + 1 == b.shape[0] for a, b in zip(layers, layers[1:], strict=False))
+    chained = all(a.shape[1] + 1 == b.shape[0] for a, b in itertools.pairwise(layers))
     if not layers or any(layer.ndim != 2 for layer in layers) or not chained:
         raise ValueError(f"{path} lacks a whole network for level {level}.")
     if not all(bool(torch.isfinite(layer).all()) for layer in layers):
@@ -158,4 +162,3 @@ def _network(tensors: dict[str, torch.Tensor], level: int, path: Path) -> Stacke
     for weight, layer in zip(network.weights, layers, strict=True):
         weight[0, :, : layer.shape[1]] = layer
     return network
-

@@ -94,7 +94,7 @@ class Population:
 
     def diagnose(self, period: int) -> list[dict[str, list[float]]]:
         """Per level, per seed: what the critic and actor look like on replayed states."""
-        found = []
+        found: list[dict[str, list[float]]] = []
         for level, (learner, replay) in enumerate(zip(self.learners, self.replays, strict=True)):
             if not replay.sizes.all():
                 found.append({})

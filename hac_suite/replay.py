@@ -23,7 +23,9 @@ class RowLayout(NamedTuple):
 
     @classmethod
     def of(cls, spec: LevelSpec) -> "RowLayout":
-        return cls(spec.action_dim, spec.action_dim + spec.observation_dim + spec.goal_space.dim + 1)
+        return cls(
+            spec.action_dim, spec.action_dim + spec.observation_dim + spec.goal_space.dim + 1
+        )
 
     @property
     def width(self) -> int:

@@ -1,4 +1,4 @@
-"""Algorithm 2 and hindsight goals: from a round's record to the transitions each level learns from."""
+"""Algorithm 2 and hindsight goals: a round's record becomes what each level learns from."""
 
 from typing import NamedTuple
 
@@ -61,9 +61,7 @@ def build(
             achieved = recorded.achieved_goal if level == top else recorded.achieved_subgoal
             space = goal_space if level == top else subgoal_space
             draws = hindsight_draws[level]
-            parts.append(
-                _hindsight(recorded, record, attempts, achieved, space, draws, config)
-            )
+            parts.append(_hindsight(recorded, record, attempts, achieved, space, draws, config))
         built.append(Transitions(*map(np.concatenate, zip(*parts, strict=True))))
     return built
 
@@ -98,9 +96,7 @@ def _attempts(
 
 def _regular(recorded: Round, attempts: _Attempts, discount: float) -> Transitions:
     """Did the attempt, as achieved, achieve the level's goal?"""
-    return _transitions(
-        recorded, attempts, REGULAR, attempts.goal, attempts.reached, discount
-    )
+    return _transitions(recorded, attempts, REGULAR, attempts.goal, attempts.reached, discount)
 
 
 def _transitions(

@@ -101,7 +101,7 @@ class LevelSpec(NamedTuple):
 
 
 def level_specs(env: VectorEnv, horizons: tuple[int, ...]) -> tuple[LevelSpec, ...]:
-    """The levels of an agent with T_i = horizons[i]; level 0 acts, the last pursues the end goal."""
+    """Levels with T_i = horizons[i]; level 0 acts, the last pursues the end goal."""
     top = len(horizons) - 1
     return tuple(
         LevelSpec(

@@ -34,6 +34,7 @@ CHANGES = {
     "drop_held_hindsight": False,
     "random_action_rate": 0.3,
     "action_noise": 0.2,
+    "saturation_penalty": 1.0,
     "subgoal_noise": 0.2,
     "continue_after_goal": True,
     "test_until_horizon": False,

@@ -58,7 +58,7 @@ def test_critic_gradient_by_hand():
 
 
 def test_target_by_hand():
-    """y = r + gamma_g Q': with an untrained critic Q' is about initial_q, and gamma_g = 0 drops it."""
+    """y = r + gamma_g Q': an untrained critic's Q' is initial_q, and gamma_g = 0 drops it."""
     learner = a_learner(seeds=1)
     learner.target_critic.parameters.zero_()
     block = a_batch(1)[..., LAYOUT.block : 2 * LAYOUT.block]
