@@ -152,6 +152,8 @@ def test_a_diverged_environment_is_marked_frozen_and_recovers(name):
         for i in (0, 2):
             _assert_row_equals(step, i, {n: getattr(healthy, n)[i] for n in _MADE})
         _assert_row_equals(step, 1, {n: getattr(before, n)[1] for n in _MADE})
+    # MuJoCo set its clock back when it broke down; it was not stepped after that.
+    assert env._data[1].time < 1.5 * env.control_timestep < env._data[0].time
     step = env.reset(_SEEDS, mask=np.array([False, True, False]))
     assert not step.diverged.any()
     _assert_row_equals(step, 1, {n: getattr(twin.reset(_SEEDS), n)[1] for n in _MADE})
