@@ -38,7 +38,9 @@ _CLEARANCE = 0.05  # metres that gripper and rod keep from the floor at starts a
 _GOAL_REACH = (worm.INNER_REACH + 0.05, worm.REACH - 0.05)  # metres from shoulder to gripper
 _GOAL_DISTANCE = 0.3  # metres at least between the rod's start and its goal
 
-_THRESHOLD = 0.07  # metres, in every dimension
+_THRESHOLD = 0.07  # metres, in every dimension of the rod's place
+# A gripper subgoal at the rod's top end, reached within this in x and z, is one that attaches.
+_GRIPPER_THRESHOLD = 0.05  # metres; 0.05 * sqrt(2) < _ATTACH_DISTANCE
 _TOP = worm.BASE_HEIGHT + worm.REACH  # metres, the highest that the gripper gets
 _HANGING = np.array([0.0, -_ROD_LENGTH / 2])  # x, z from the rod's top end to its centre
 # A rod standing on the floor has its centre at 0.125 m; one dragged along it gets lower.
@@ -57,7 +59,7 @@ _SUBGOAL_SPACE = goal_space.GoalSpace(
     units=("m", "m", *_GOAL_SPACE.units),
     low=np.array([-worm.REACH, 0.0, *_ROD_LOW]),
     high=np.array([worm.REACH, _TOP, *_ROD_HIGH]),
-    threshold=np.full(4, _THRESHOLD),
+    threshold=np.array([_GRIPPER_THRESHOLD, _GRIPPER_THRESHOLD, _THRESHOLD, _THRESHOLD]),
 )
 
 
@@ -88,6 +90,7 @@ _SCALE = {
     "rod_axis": (1.0, 1.0),
     "rod_spin": (5.0,),
     "attached": (1.0,),
+    "to_top": (0.4, 0.4),  # from the gripper to the rod's top end
 }
 
 
@@ -132,7 +135,9 @@ class PickPlace(base.GoalTask):
         )
 
     def observation_parts(self, readings):
-        return {name: readings[..., getattr(_COLUMNS, name)] for name in _SCALE}
+        to_top = readings[..., _COLUMNS.rod_top] - readings[..., _COLUMNS.gripper]
+        read = {name: readings[..., getattr(_COLUMNS, name)] for name in _SCALE if name != "to_top"}
+        return {**read, "to_top": to_top}
 
     def achieved_goal(self, readings):
         return readings[..., _COLUMNS.rod]
