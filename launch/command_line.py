@@ -4,7 +4,7 @@ import re
 import warnings
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from absl import flags
 from ml_collections import ConfigDict, config_flags
@@ -12,7 +12,7 @@ from ml_collections import ConfigDict, config_flags
 import hac_suite
 import tasks
 from analysis import schema
-from launch import errors, settings
+from launch import errors, flag_parsing, settings
 
 CONFIGS = Path(__file__).parent / "configs"
 DEFAULT_CONFIG = CONFIGS / "paper.py"
@@ -23,6 +23,7 @@ _HELP = """Trains hierarchical actor-critic; leaves curves, policies and videos 
 
 Flags:
 {flags}
+  --config=launch/configs/paper.py    a file of hyperparameters to start from
 
 Keys for --config.KEY=VALUE, as hac_suite/config.py explains them:
 {keys}
@@ -44,10 +45,6 @@ class Request(NamedTuple):
     config: hac_suite.Config
 
 
-class HelpRequested(Exception):
-    """--help was among the words; the message is the help."""
-
-
 def parse(argv: Sequence[str]) -> Request:
     """Reads the flags in `argv`, whose first item is the program.
 
@@ -56,24 +53,26 @@ def parse(argv: Sequence[str]) -> Request:
       HelpRequested: the command asks for help.
     """
     values = _flags()
-    if {"--help", "-help", "-h"} & set(argv):
-        raise HelpRequested(_help(values))
     _check_config_words(argv)
     try:
         with warnings.catch_warnings(action="ignore", category=DeprecationWarning):
             config_flags.DEFINE_config_file(
-                "config", str(DEFAULT_CONFIG), flag_values=values, sys_argv=list(argv)
+                "config", str(DEFAULT_CONFIG), "hyperparameters", values, sys_argv=list(argv)
             )
-            extra = values(list(argv))[1:]
+            flag_parsing.parse(values, argv)
         settings_given = values.config
-    except flags.UnrecognizedFlagError as error:
-        message = errors.unknown("flag", error.flagname, sorted(values))
-        raise errors.CommandError(message) from error
+    except (errors.CommandError, flag_parsing.HelpRequested):
+        raise
     except Exception as error:  # a config file is code: it can raise anything
-        raise errors.CommandError(_first_line(error)) from error
-    if extra:
-        raise errors.CommandError(f"unexpected word {extra[0]!r}: flags are typed like --seeds=3")
+        raise errors.CommandError(f"config: {error}".splitlines()[0]) from error
     return _request(values, settings_given)
+
+
+def help_text() -> str:
+    """What --help prints."""
+    paper = settings.from_preset("paper")
+    keys = [f"  {name:<28}{paper[name]}" for name in settings.field_names()]
+    return _HELP.format(flags=flag_parsing.describe(_flags()), keys="\n".join(keys))
 
 
 def task_names(word: str) -> tuple[str, ...]:
@@ -85,29 +84,23 @@ def task_names(word: str) -> tuple[str, ...]:
     return (word,)
 
 
-class _WholeNumber(flags.IntegerParser):
-    def convert(self, argument: Any) -> int:
-        try:
-            return int(argument)
-        except (TypeError, ValueError):
-            raise ValueError("it takes a whole number") from None
-
-
 def _flags() -> flags.FlagValues:
     values = flags.FlagValues()
 
-    def count(name: str, default: int, description: str, least: int) -> None:
-        parser = _WholeNumber(lower_bound=least)
-        flags.DEFINE(parser, name, default, description, values, flags.ArgumentSerializer())
-
     flags.DEFINE_string("task", "pick_place", f"{', '.join(tasks.ALL)}, or all", values)
-    count("seeds", 10, "how many seeds: N trains the seeds 0 to N-1", least=1)
+    flag_parsing.define_count(
+        values, "seeds", 10, "how many seeds: N trains the seeds 0 to N-1", least=1
+    )
     flags.DEFINE_list(
         "subgoal_layers", "0,1,2", "which agents; 0 is DDPG with hindsight", flag_values=values
     )
-    count("periods", 10, "test periods after the untrained one", least=1)
+    flag_parsing.define_count(
+        values, "periods", 10, "test periods after the untrained one", least=1
+    )
     flags.DEFINE_string("out", "runs", "where the run folders go", values)
-    count("workers", 0, "processes that train at a time; 0: one for each core", least=0)
+    flag_parsing.define_count(
+        values, "workers", 0, "processes that train at a time; 0: one for each core", least=0
+    )
     flags.DEFINE_enum("executor", "local", ["local"], "where the processes run", values)
     flags.DEFINE_boolean("video", True, "render a video of each agent", values)
     return values
@@ -150,20 +143,3 @@ def _check_config_words(argv: Sequence[str]) -> None:
                 sorted(f"launch/configs/{path.name}" for path in CONFIGS.glob("[!_]*.py"))
             )
             raise errors.CommandError(f"there is no config file {file[1]!r}; there are {own}")
-
-
-def _first_line(error: Exception) -> str:
-    lines = str(error).strip().splitlines()
-    return lines[0] if lines else type(error).__name__
-
-
-def _help(values: flags.FlagValues) -> str:
-    described = [
-        (f"--{name}={values[name].default_as_str}".replace("'", ""), values[name].help)
-        for name in values
-    ]
-    described += [("--config=launch/configs/paper.py", "file of hyperparameters to start from")]
-    lines = [f"  {flag:<36}{text}" for flag, text in described]
-    paper = settings.from_preset("paper")
-    keys = [f"  {name:<28}{paper[name]}" for name in settings.field_names()]
-    return _HELP.format(flags="\n".join(lines), keys="\n".join(keys))

@@ -1,7 +1,7 @@
 """What a launch leaves to look at once training is over: videos, the report, a summary."""
 
-import json
 from collections.abc import Iterable
+from pathlib import Path
 
 from rich.console import Console
 from rich.table import Table
@@ -9,9 +9,10 @@ from rich.table import Table
 from analysis.load import load
 from analysis.report import write_report
 from analysis.statistics import final_success
-from launch import results, videos
+from launch import policies, results, videos
 from launch.command_line import Request
 from launch.execution import StopSignal
+from launch.planning import Agent
 from launch.run_folder import RunFolder
 
 
@@ -37,9 +38,9 @@ def summarise(folder: RunFolder, console: Console) -> None:
     for heading in ("agent", "seeds", "test period", "success", "95% interval"):
         table.add_column(heading, justify="left" if heading == "agent" else "right")
     for row in final_success(load(folder.path)).itertuples():
-        name = f"{folder.task}, {row.subgoal_layers} subgoal layers"
         interval = f"{row.low:.0%} to {row.high:.0%}" if row.low == row.low else "-"
-        table.add_row(name, str(row.n), str(row.period), f"{row.mean:.0%}", interval)
+        agent = str(Agent(folder.task, row.subgoal_layers))
+        table.add_row(agent, str(row.n), str(row.period), f"{row.mean:.0%}", interval)
     console.print(table)
     for path in (folder.figure, folder.report, *sorted(folder.videos.glob("*.mp4"))):
         if path.exists():
@@ -47,28 +48,23 @@ def summarise(folder: RunFolder, console: Console) -> None:
 
 
 def _video(folder: RunFolder, layers: int, console: Console, stop: StopSignal) -> None:
-    policy = _typical_policy(folder, layers)
+    policy = policies.typical(policies.find(folder), layers)
     target = folder.video(layers)
-    if policy is None or _is_newer(target, folder, layers):
+    if policy is None or _is_current(target, folder, layers):
         return
     console.print(f"rendering {target}", soft_wrap=True)
     try:
-        for note in videos.render(folder.policies / policy, target, stop=stop):
+        for note in videos.render(policy.path, target, stop=stop):
             console.print(note, soft_wrap=True)
     except videos.RenderingError as error:
-        console.print(f"warning: no video of {folder.task}, {layers} subgoal layers: {error}")
+        agent = Agent(folder.task, layers)
+        console.print(f"warning: no video of {agent}: {error}", soft_wrap=True)
 
 
-def _typical_policy(folder: RunFolder, layers: int) -> str | None:
-    """Name of the agent's policy of median test success: neither its best nor its worst seed."""
-    found = []
-    for path in folder.policies.glob(f"{folder.task}_{layers}layers_seed*.json"):
-        description = json.loads(path.read_text(encoding="utf-8"))
-        found.append((description["success_rate"], description["seed"], path.stem))
-    return sorted(found)[len(found) // 2][-1] if found else None
-
-
-def _is_newer(target, folder: RunFolder, layers: int) -> bool:
-    policies = folder.policies.glob(f"{folder.task}_{layers}layers_seed*.safetensors")
-    newest = max(path.stat().st_mtime for path in policies)
-    return target.exists() and target.stat().st_mtime > newest
+def _is_current(video: Path, folder: RunFolder, layers: int) -> bool:
+    """Whether the agent's video is there, and none of its policies is newer."""
+    if not video.exists():
+        return False
+    own = [policy.path for policy in policies.find(folder) if policy.subgoal_layers == layers]
+    files = [path.with_name(f"{path.name}.safetensors") for path in own]
+    return video.stat().st_mtime > max(file.stat().st_mtime for file in files)

@@ -37,13 +37,11 @@ class Board:
         self._states = {job: _JobState(job, episodes) for job in jobs}
         self._console = console
         self._live = Live(console=console, get_renderable=self._table, refresh_per_second=2)
-        self._printed = time.monotonic()
+        self._printed = -_SECONDS_BETWEEN_LINES  # long ago: the first tick prints
 
     def __enter__(self) -> "Board":
         if self._console.is_terminal:
             self._live.start()
-        else:
-            self._print_lines()
         return self
 
     def __exit__(self, *_) -> None:

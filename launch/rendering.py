@@ -17,7 +17,8 @@ import hac_suite
 import tasks
 from launch import settings
 
-FRAMES_PER_SECOND = 30  # at or below the pace of every task's control steps
+FRAMES_PER_SECOND = 30
+_STEPS_PER_FRAME = 2  # with control steps of 0.0125 to 0.03 s: real time, or up to twice as slow
 SIZE = (640, 480)  # width, height of the picture below the title
 _TITLE_HEIGHT = 56
 _HOLD_FRAMES = 45
@@ -64,7 +65,7 @@ def write_strip(policy: hac_suite.Policy, path: Path) -> None:
         policy,
         choose_episodes(policy, 1)[0],
         "",
-        lambda frame: frames.append(frame[::_STRIP_SCALE, ::_STRIP_SCALE]),
+        lambda frame: frames.append(np.asarray(Image.fromarray(frame).reduce(_STRIP_SCALE))),
     )
     last = len(frames) - _HOLD_FRAMES  # the first of those that hold the end
     shown = np.linspace(0, last, _STRIP_FRAMES).round().astype(int)
@@ -88,23 +89,22 @@ def film_episode(policy: hac_suite.Policy, seed: int, label: str, show: Show) ->
     layers = policy.subgoal_layers
     plural = "" if layers == 1 else "s"
     who = f"{task}   {layers} subgoal layer{plural}   seed {policy.metadata['seed']}   {label}"
-    last_picture = np.zeros((SIZE[1], SIZE[0], 3), np.uint8)
 
     def on_step(view: hac_suite.StepView) -> None:
-        nonlocal last_picture
         if view.subgoals:
             env.show_subgoals(0, [subgoal[0] for subgoal in view.subgoals])
-        last_picture = env.render(0, width=SIZE[0], height=SIZE[1])
-        show(titled(last_picture, who, _counts(view, env.max_steps, policy.horizons)))
+        if view.step % _STEPS_PER_FRAME == 0:
+            picture = env.render(0, width=SIZE[0], height=SIZE[1])
+            show(titled(picture, who, _counts(view, env.max_steps, policy.horizons)))
 
     stats = hac_suite.run_episodes(
         env, policy, np.array([seed]), config=_config(policy), on_step=on_step
     )
-    env.close()
     outcome = "goal reached in" if stats.success[0] else "goal not reached in"
-    ending = titled(last_picture, who, f"{outcome} {stats.steps[0]} steps")
+    picture = env.render(0, width=SIZE[0], height=SIZE[1])
+    env.close()
     for _ in range(_HOLD_FRAMES):
-        show(ending)
+        show(titled(picture, who, f"{outcome} {stats.steps[0]} steps"))
 
 
 def titled(picture: np.ndarray, first: str, second: str) -> np.ndarray:

@@ -7,12 +7,17 @@ from pathlib import Path
 
 def main(argv: list[str]) -> int:
     """Carries out a command; returns the exit status that --help states."""
-    from launch import command_line, errors, experiment  # these import numpy, torch and mujoco
+    from launch import (
+        command_line,
+        errors,
+        experiment,
+        flag_parsing,
+    )  # these import numpy, torch and mujoco
 
     try:
         return experiment.run(command_line.parse(argv), argv)
-    except command_line.HelpRequested as help_text:
-        print(help_text)
+    except flag_parsing.HelpRequested:
+        print(command_line.help_text())
         return 0
     except errors.CommandError as error:
         print(f"error: {error}", file=sys.stderr)

@@ -1,0 +1,116 @@
+"""Says what this machine can do, and how to mend what it cannot: `python launch/doctor.py`."""
+
+import os
+import shutil
+import sys
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import NamedTuple
+
+if __name__ == "__main__":
+    sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
+    os.environ["MUJOCO_GL"] = "disabled"  # each backend is tried in a process of its own
+
+from launch import manifest, videos
+
+_GIGABYTE = 1e9
+_LEAST_FREE = 1.0  # gigabytes; a run of all tasks leaves about a tenth of that
+_PROBE_SECONDS = 60.0
+_REINSTALL = "install the pinned packages again: rm -r .venv && make setup"
+
+
+class Finding(NamedTuple):
+    """What a check found."""
+
+    good: bool
+    text: str
+    remedy: str = ""
+
+
+def check_packages() -> Finding:
+    """Versions of what results depend on, and that they can be imported together."""
+    try:
+        versions = manifest.versions()
+        import hac_suite  # noqa: F401  (that it can be imported is what is asked)
+        import tasks  # noqa: F401
+    except Exception as error:
+        return Finding(False, f"packages: {type(error).__name__}: {error}", _REINSTALL)
+    listed = ", ".join(f"{name} {version}" for name, version in versions.items())
+    return Finding(True, f"packages: {listed}")
+
+
+def check_cores() -> Finding:
+    """Cores that workers can have; each has one thread."""
+    machine = manifest.machine()
+    return Finding(
+        True,
+        f"processor: {machine['cpu']}, {machine['cores']} cores: "
+        f"{machine['cores']} workers of one thread train at a time",
+    )
+
+
+def check_rendering() -> list[Finding]:
+    """Which backend renders off-screen, by rendering a frame with each; one is enough."""
+    problems = {
+        backend: videos.run_renderer(backend, "{}", timeout=_PROBE_SECONDS)
+        for backend in videos.BACKENDS
+    }
+    one_works = None in problems.values()
+    return [
+        Finding(
+            one_works or problem is None,
+            f"rendering with {backend}: " + ("works" if problem is None else f"no ({problem})"),
+            videos.REMEDY,
+        )
+        for backend, problem in problems.items()
+    ]
+
+
+def check_mp4() -> Finding:
+    """Whether a video can be written, by writing one and reading it back."""
+    try:
+        import imageio.v3 as iio
+        import numpy as np
+
+        with tempfile.TemporaryDirectory() as folder:
+            path = Path(folder) / "probe.mp4"
+            frames = np.zeros((10, 48, 64, 3), np.uint8)
+            iio.imwrite(path, frames, plugin="pyav", codec="libx264", fps=30)
+            read = iio.imread(path, plugin="pyav").shape
+        if read != frames.shape:
+            raise RuntimeError(f"wrote frames {frames.shape}, read {read}")
+    except Exception as error:
+        return Finding(False, f"mp4: {type(error).__name__}: {error}", _REINSTALL)
+    return Finding(True, "mp4: written and read back (H.264)")
+
+
+def check_disk() -> Finding:
+    """Room for run folders, where they are made by default."""
+    free = shutil.disk_usage(Path.cwd()).free / _GIGABYTE
+    remedy = f"free {_LEAST_FREE:.0f} GB or more, or give another --out"
+    return Finding(free >= _LEAST_FREE, f"disk: {free:.0f} GB free in {Path.cwd()}", remedy)
+
+
+def main() -> int:
+    """Prints every finding; returns 0 if all that is needed works, else 1."""
+    checks: list[Callable[[], Finding | list[Finding]]] = [
+        check_packages,
+        check_cores,
+        check_rendering,
+        check_mp4,
+        check_disk,
+    ]
+    all_good = True
+    for check in checks:
+        found = check()
+        for finding in found if isinstance(found, list) else [found]:
+            print(f"{'ok  ' if finding.good else 'FAIL'} {finding.text}", flush=True)
+            if not finding.good:
+                print(f"     remedy: {finding.remedy}")
+                all_good = False
+    return 0 if all_good else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())

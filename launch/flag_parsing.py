@@ -1,0 +1,56 @@
+"""absl flags with answers fit for a person: one line, the closest name, no traceback."""
+
+from collections.abc import Sequence
+from typing import Any
+
+from absl import flags
+
+from launch.errors import CommandError, unknown
+
+
+class HelpRequested(Exception):
+    """--help was among the words; whoever catches this prints the help."""
+
+
+class _WholeNumber(flags.IntegerParser):
+    def convert(self, argument: Any) -> int:
+        try:
+            return int(argument)
+        except (TypeError, ValueError):
+            raise ValueError("it takes a whole number") from None
+
+
+def define_count(
+    values: flags.FlagValues, name: str, default: int | None, description: str, *, least: int
+) -> None:
+    """Defines a flag that takes a whole number of at least `least`."""
+    parser = _WholeNumber(lower_bound=least)
+    flags.DEFINE(parser, name, default, description, values, flags.ArgumentSerializer())
+
+
+def parse(values: flags.FlagValues, argv: Sequence[str]) -> None:
+    """Gives the flags the values that `argv` states; its first item is the program.
+
+    Raises:
+      CommandError: an unknown flag, a value that a flag does not take, or a word that is no flag.
+      HelpRequested: the command asks for help.
+    """
+    if {"--help", "-help", "-h"} & set(argv):
+        raise HelpRequested
+    try:
+        extra = values(list(argv))[1:]
+    except flags.UnrecognizedFlagError as error:
+        raise CommandError(unknown("flag", error.flagname, sorted(values))) from error
+    except flags.Error as error:
+        raise CommandError(str(error).splitlines()[0]) from error
+    if extra:
+        raise CommandError(f"unexpected word {extra[0]!r}: flags are typed like --task=pick_place")
+
+
+def describe(values: flags.FlagValues) -> str:
+    """A line for each flag: its default and what it is for."""
+    lines = []
+    for name in values:
+        default = (values[name].default_as_str or "").strip("'")
+        lines.append(f"  {f'--{name}={default}':<36}{values[name].help}")
+    return "\n".join(lines)

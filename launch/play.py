@@ -1,0 +1,76 @@
+"""Renders a trained policy: `python launch/play.py --task=pick_place --output=video.mp4`."""
+
+import os
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from absl import flags
+
+if __name__ == "__main__":
+    sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
+    os.environ["MUJOCO_GL"] = "disabled"  # only the renderer's own process needs a backend
+
+import tasks
+from launch import flag_parsing, policies, videos
+from launch.errors import CommandError, unknown
+from launch.run_folder import RunFolder
+
+_HELP = """Renders test episodes of a trained policy into a file; opens no window.
+
+  python launch/play.py --task=pick_place --subgoal_layers=1 --output=video.mp4
+
+Flags:
+{flags}
+
+Exit status: 0 the file is written; 1 rendering failed; 2 the command was wrong."""
+
+
+def main(argv: Sequence[str]) -> int:
+    """Carries out a command; returns the exit status that --help states."""
+    values = _flags()
+    try:
+        flag_parsing.parse(values, argv)
+        policy, output = _choose(values)
+        for note in videos.render(policy, output, episodes=values.episodes):
+            print(note)
+    except flag_parsing.HelpRequested:
+        print(_HELP.format(flags=flag_parsing.describe(values)))
+        return 0
+    except CommandError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 2
+    except videos.RenderingError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 1
+    print(output)
+    return 0
+
+
+def _flags() -> flags.FlagValues:
+    values = flags.FlagValues()
+    flags.DEFINE_string("task", "pick_place", "which task", values)
+    flag_parsing.define_count(values, "subgoal_layers", 2, "which agent", least=0)
+    flags.DEFINE_string("run", None, "run folder; if not given, runs/TASK", values)
+    flag_parsing.define_count(values, "seed", None, "if not given, the median seed", least=0)
+    flags.DEFINE_string("output", "video.mp4", ".mp4: a video; .png: a strip of frames", values)
+    flag_parsing.define_count(values, "episodes", 2, "how many a video shows", least=1)
+    return values
+
+
+def _choose(values: flags.FlagValues) -> tuple[Path, Path]:
+    """The policy that the flags name, and where its picture goes."""
+    output = Path(values.output)
+    if output.suffix not in (".mp4", ".png"):
+        raise CommandError(f"flag --output={output}: its name ends in .mp4 or .png")
+    if values.task not in tasks.ALL:
+        raise CommandError(unknown("task", values.task, tasks.ALL))
+    if values.run is None:
+        folder = RunFolder(Path("runs"), values.task)
+    else:
+        folder = RunFolder(Path(values.run).resolve().parent, Path(values.run).resolve().name)
+    return policies.choose(folder, values.subgoal_layers, values.seed).path, output
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv))

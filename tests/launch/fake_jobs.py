@@ -1,0 +1,77 @@
+"""Work for worker processes that takes no time: stands in for training in the launcher's tests."""
+
+import os
+import signal
+import time
+from pathlib import Path
+
+import hac_suite
+from launch.planning import Job
+from launch.run_folder import POLICY_SUFFIXES, RunFolder
+from launch.training import Tested
+
+
+def report_seeds(job: Job, send) -> None:
+    send(job.seeds)
+
+
+def fail_by_name(job: Job, send) -> None:
+    """Ends as the job's task says."""
+    print("a line that the worker printed", flush=True)
+    send("started")
+    if job.agent.task == "raises":
+        raise RuntimeError("the reason\nand more of it")
+    if job.agent.task == "segfaults":
+        os.kill(os.getpid(), signal.SIGSEGV)
+    if job.agent.task == "killed":
+        os.kill(os.getpid(), signal.SIGKILL)
+    if job.agent.task == "exits":
+        os._exit(3)
+    if job.agent.task == "hangs":
+        time.sleep(600)
+
+
+def row(job: Job, seed: int, period: int) -> dict:
+    return {
+        "task": job.agent.task,
+        "subgoal_layers": job.agent.subgoal_layers,
+        "seed": seed,
+        "period": period,
+        "train_episodes": 4 * period,
+        "train_steps": 40 * period,
+        "test_episodes": 8,
+        "success_rate": min(1.0, 0.25 * period),
+        "mean_steps_to_goal": 30.0,
+        "wall_seconds": 1.5,
+        "diverged_episodes": 0,
+    }
+
+
+def train(job: Job, send, *, plans) -> None:
+    """Sends what training sends and leaves empty policies; fails where a file `fail` tells it to.
+
+    The file, in --out, holds the number of subgoal layers of the agent that is to fail.
+    """
+    plan = plans[job.agent.task]
+    folder = RunFolder(plan.out, job.agent.task)
+    fail = Path(plan.out) / "fail"
+    for period in range(plan.periods + 1):
+        if period == plan.periods:
+            if fail.exists() and fail.read_text() == str(job.agent.subgoal_layers):
+                raise RuntimeError("told to fail")
+            for seed in job.seeds:
+                _leave_policy(folder, job, seed)
+        send(Tested(period, [row(job, seed, period) for seed in job.seeds]))
+        send(hac_suite.Progress(4 * period, 4 * plan.periods, 0.25))
+
+
+def train_for_ever(job: Job, send, *, plans) -> None:
+    send(Tested(0, [row(job, seed, 0) for seed in job.seeds]))
+    time.sleep(600)
+
+
+def _leave_policy(folder: RunFolder, job: Job, seed: int) -> None:
+    stem = folder.policy(job.agent.subgoal_layers, seed)
+    text = f'{{"subgoal_layers": {job.agent.subgoal_layers}, "seed": {seed}, "success_rate": 0.5}}'
+    for suffix in POLICY_SUFFIXES:
+        stem.with_name(stem.name + suffix).write_text(text)

@@ -1,0 +1,120 @@
+"""Flags become a checked request; whatever is wrong is answered in one line that helps."""
+
+import sys
+
+import pytest
+
+import hac_suite
+import tasks
+from launch import command_line, flag_parsing
+from launch.errors import CommandError
+
+
+def parse(*words: str) -> command_line.Request:
+    return command_line.parse(["launch/run.py", *words])
+
+
+def test_defaults_are_the_main_job():
+    request = parse()
+    assert request.tasks == ("pick_place",)
+    assert request.subgoal_layers == (0, 1, 2)
+    assert request.seeds == tuple(range(10))
+    assert (request.periods, request.workers, request.video) == (10, 0, True)
+    assert str(request.out) == "runs"
+    assert request.config == hac_suite.PRESETS["paper"]
+
+
+def test_flags_reach_the_request():
+    request = parse(
+        "--task=all", "--seeds=3", "--subgoal_layers=2,0", "--periods=4", "--out=x y/ü",
+        "--workers=5", "--novideo", "--executor=local",
+    )  # fmt: skip
+    assert request.tasks == tuple(tasks.ALL)
+    assert (request.seeds, request.subgoal_layers) == ((0, 1, 2), (0, 2))
+    assert (request.periods, request.workers, request.video) == (4, 5, False)
+    assert str(request.out) == "x y/ü"
+
+
+@pytest.mark.parametrize("preset", sorted(hac_suite.PRESETS))
+def test_each_preset_has_a_config_file(preset):
+    path = command_line.CONFIGS / f"{preset}.py"
+    assert parse(f"--config={path}").config == hac_suite.PRESETS[preset]
+
+
+def test_overrides_change_one_field_each():
+    config = parse(
+        "--config.batch_size=32", "--config.discount=1", "--noconfig.bounded_critic",
+        "--config.test_draw=each_level", "--config.hidden_sizes=(8, 9)",
+    ).config  # fmt: skip
+    assert (config.batch_size, config.discount, config.bounded_critic) == (32, 1.0, False)
+    assert (config.test_draw, config.hidden_sizes) == ("each_level", (8, 9))
+    assert config.learning_rate == hac_suite.PRESETS["paper"].learning_rate
+
+
+@pytest.mark.parametrize(
+    ("word", "answer"),
+    [
+        ("--task=pick_plce", "unknown task 'pick_plce': did you mean 'pick_place'?"),
+        ("--task=../pick_place", "unknown task '../pick_place'"),
+        ("--task=", "unknown task ''"),
+        ("--seeds=0", "--seeds=0"),
+        ("--seeds=-1", "--seeds=-1"),
+        ("--seeds=abc", "--seeds=abc: it takes a whole number"),
+        ("--seeds", "Missing value for flag --seeds"),
+        ("--sedes=3", "unknown flag 'sedes': did you mean 'seeds'?"),
+        ("--subgoal_layers=7x", "--subgoal_layers=7x: it takes some of 0,1,2"),
+        ("--subgoal_layers=3", "--subgoal_layers=3: it takes some of 0,1,2"),
+        ("--subgoal_layers=", "--subgoal_layers=: it takes some of 0,1,2"),
+        ("--periods=0", "--periods=0"),
+        ("--workers=-1", "--workers=-1"),
+        ("--executor=ray", "--executor=ray: value should be one of <local>"),
+        ("pick_place", "unexpected word 'pick_place'"),
+        ("--config=nope.py", "no config file 'nope.py'; there are launch/configs/paper.py"),
+        ("--config.batch_sze=3", "unknown config key 'batch_sze': did you mean 'batch_size'?"),
+        ("--config.batch_size=big", "--config.batch_size=big"),
+        ("--config.batch_size=1.5", "--config.batch_size=1.5"),
+        ("--config.discount=7", "discount is 7.0"),
+        ("--config.hidden_sizes=(3, 2.5)", "hidden_sizes takes a tuple like (64, 64, 64)"),
+        ("--config.test_draw=sometimes", "test_draw is 'sometimes'"),
+    ],
+)
+def test_bad_input_is_answered_in_one_line(word, answer):
+    with pytest.raises(CommandError) as caught:
+        parse(word)
+    assert answer in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("code", "answer"),
+    [
+        ("1 / 0", "config: division by zero"),
+        ("def get_config(: pass", "config: "),
+        ("settings = 3", "get_config"),
+        (
+            "from ml_collections import ConfigDict\n"
+            "def get_config(): return ConfigDict({'discont': 0.5})",
+            "did you mean 'discount'?",
+        ),
+        (
+            "from ml_collections import ConfigDict\n"
+            "def get_config(): return ConfigDict({'discount': 'high'})",
+            "discount takes a value like 0.98, not 'high'",
+        ),
+    ],
+)
+def test_a_broken_config_file_is_answered_in_one_line(tmp_path, monkeypatch, code, answer):
+    monkeypatch.delitem(sys.modules, "config_config", raising=False)  # of the file read before
+    (tmp_path / "mine.py").write_text(code)
+    with pytest.raises(CommandError) as caught:
+        parse(f"--config={tmp_path / 'mine.py'}")
+    assert answer in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_help_names_every_flag_and_config_key():
+    with pytest.raises(flag_parsing.HelpRequested):
+        parse("--help")
+    text = command_line.help_text()
+    for word in ("--task=pick_place", "--seeds=10", "--subgoal_layers=0,1,2", "subgoal_test_rate"):
+        assert word in text

@@ -1,0 +1,144 @@
+"""A launch from request to run folder, with work that takes no time in place of training."""
+
+import functools
+import json
+import os
+import signal
+import threading
+
+import pytest
+
+from analysis.load import load
+from launch import command_line, experiment
+from launch.errors import CommandError
+from launch.run_folder import RunFolder
+from tests.launch import fake_jobs
+
+
+def launch(out, *words: str, work=fake_jobs.train) -> int:
+    usual = ["--task=pendulum_climb", "--subgoal_layers=0,1", "--novideo", f"--out={out}"]
+    argv = ["launch/run.py", *usual, *words]
+    return experiment.run(command_line.parse(argv), argv, work=work)
+
+
+def trained(out) -> list[tuple[int, int]]:
+    """(subgoal_layers, seed) of every seed in results.csv, from the rows of period 0."""
+    results = load(out / "pendulum_climb")
+    first = results[results["period"] == 0]
+    return list(zip(first["subgoal_layers"], first["seed"], strict=True))
+
+
+def jobs(out) -> list[tuple[int, int]]:
+    """(subgoal_layers, seed) of every training that ended well, so far."""
+    manifest = json.loads((out / "pendulum_climb" / "manifest.json").read_text())
+    return sorted(
+        (job["subgoal_layers"], seed) for job in manifest["jobs"] for seed in job["seeds"]
+    )
+
+
+def test_a_launch_leaves_a_whole_run_folder(tmp_path, capsys):
+    assert launch(tmp_path, "--seeds=2", "--periods=2") == 0
+    folder = RunFolder(tmp_path, "pendulum_climb")
+    results = load(folder.path)
+    assert len(results) == 2 * 2 * 3
+    assert trained(tmp_path) == [(0, 0), (0, 1), (1, 0), (1, 1)]
+    for path in (folder.figure, folder.path / "figure.csv", folder.report):
+        assert path.stat().st_size > 0
+    manifest = json.loads(folder.manifest.read_text())
+    assert manifest["horizons"]["1"] == [18, 18] and manifest["max_steps"] == 300
+    assert manifest["config"]["discount"] == 0.98
+    assert manifest["finished"] is not None
+    assert jobs(tmp_path) == trained(tmp_path)
+    printed = capsys.readouterr().out
+    assert "pendulum_climb, 1 subgoal layer" in printed and str(folder.report) in printed
+    assert not list(folder.path.glob("*.log")) and not list(folder.path.glob(".*.log"))
+
+
+def test_the_same_command_again_repeats_nothing(tmp_path, capsys):
+    assert launch(tmp_path, "--seeds=2", "--periods=1") == 0
+    before = (tmp_path / "pendulum_climb" / "results.csv").read_bytes()
+    assert launch(tmp_path, "--seeds=2", "--periods=1") == 0
+    assert (tmp_path / "pendulum_climb" / "results.csv").read_bytes() == before
+    assert len(jobs(tmp_path)) == 4
+    assert "2 of 2 seeds are finished already" in capsys.readouterr().out
+
+
+def test_more_seeds_and_agents_train_only_what_is_missing(tmp_path):
+    assert launch(tmp_path, "--seeds=1", "--periods=1", "--subgoal_layers=1") == 0
+    assert launch(tmp_path, "--seeds=2", "--periods=1") == 0
+    assert trained(tmp_path) == jobs(tmp_path) == [(0, 0), (0, 1), (1, 0), (1, 1)]
+
+
+def test_more_periods_train_again_and_say_so(tmp_path, capsys):
+    assert launch(tmp_path, "--seeds=1", "--periods=1", "--subgoal_layers=1") == 0
+    assert launch(tmp_path, "--seeds=1", "--periods=2", "--subgoal_layers=1") == 0
+    assert "trained for fewer than 2 periods" in capsys.readouterr().out
+    assert load(tmp_path / "pendulum_climb")["period"].tolist() == [0, 1, 2]
+
+
+def test_one_failing_agent_leaves_the_others_and_is_tried_again_alone(tmp_path, capsys):
+    (tmp_path / "fail").write_text("1")
+    assert launch(tmp_path, "--seeds=2", "--periods=2") == 1
+    folder = RunFolder(tmp_path, "pendulum_climb")
+    (failure,) = folder.failures.iterdir()
+    assert "told to fail" in failure.read_text() and "Traceback" in failure.read_text()
+    printed = capsys.readouterr().out
+    assert "RuntimeError: told to fail" in printed and str(failure) in printed
+    assert jobs(tmp_path) == [(0, 0), (0, 1)]
+    (tmp_path / "fail").unlink()
+    assert launch(tmp_path, "--seeds=2", "--periods=2") == 0
+    assert jobs(tmp_path) == trained(tmp_path) == [(0, 0), (0, 1), (1, 0), (1, 1)]
+    assert len(load(folder.path)) == 2 * 2 * 3
+    assert not folder.failures.exists()
+
+
+def test_a_line_cut_by_a_kill_is_dropped_and_its_seed_trained_again(tmp_path, capsys):
+    assert launch(tmp_path, "--seeds=1", "--periods=1") == 0
+    results = tmp_path / "pendulum_climb" / "results.csv"
+    whole = load(results)
+    results.write_bytes(results.read_bytes()[:-7])
+    assert launch(tmp_path, "--seeds=1", "--periods=1") == 0
+    assert "dropped 1 line" in capsys.readouterr().out
+    assert load(results).equals(whole)
+    assert results.read_text().count("train_episodes") == 1
+
+
+def test_another_configuration_is_refused_and_changes_nothing(tmp_path):
+    assert launch(tmp_path, "--seeds=1", "--periods=1") == 0
+    before = {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
+    with pytest.raises(CommandError, match="batch_size is 256 there and 32 here"):
+        launch(tmp_path, "--seeds=2", "--periods=1", "--config.batch_size=32")
+    assert {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()} == before
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_stopped_launch_goes_on_with_the_same_command(tmp_path, capsys, number):
+    threading.Timer(4.0, os.kill, (os.getpid(), number)).start()
+    words = ("--seeds=1", "--periods=1", "--subgoal_layers=0")
+    assert launch(tmp_path, *words, work=fake_jobs.train_for_ever) == 128 + number
+    assert "the same command goes on" in capsys.readouterr().out
+    assert launch(tmp_path, *words) == 0
+    assert load(tmp_path / "pendulum_climb")["period"].tolist() == [0, 1]
+
+
+def test_a_figure_that_fails_does_not_harm_training(tmp_path, capsys, monkeypatch):
+    def broken(_):
+        raise ValueError("no ink")
+
+    monkeypatch.setattr("launch.recording.write_figure", broken)
+    monkeypatch.setattr("launch.presentation.write_report", broken)
+    assert launch(tmp_path, "--seeds=1", "--periods=1") == 0
+    assert "no ink" in capsys.readouterr().out
+    assert len(trained(tmp_path)) == 2
+
+
+def test_rendering_that_fails_does_not_harm_training(tmp_path, capsys, monkeypatch):
+    from launch import videos
+
+    broken = functools.partial(videos.render, backends=("nonsense",))
+    monkeypatch.setattr("launch.presentation.videos.render", broken)
+    words = ("--seeds=1", "--periods=1", "--subgoal_layers=0", "--video")
+    assert launch(tmp_path, *words) == 0
+    printed = capsys.readouterr().out
+    assert "no video of pendulum_climb, 0 subgoal layers" in printed and "libegl1" in printed
+    assert list((tmp_path / "pendulum_climb" / "videos").iterdir()) == []

@@ -1,0 +1,54 @@
+"""Jobs: every missing seed once, populations kept together, work spread evenly over workers."""
+
+import heapq
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from launch.planning import Agent, Job, plan
+
+
+def makespan(jobs: list[Job], workers: int) -> int:
+    """When the last worker ends, if each free worker takes the next job."""
+    ends = [0] * workers
+    for job in jobs:
+        heapq.heappush(ends, heapq.heappop(ends) + job.cost)
+    return max(ends)
+
+
+def test_the_main_job_fills_two_workers_evenly():
+    seeds = tuple(range(10))
+    jobs = plan({Agent("pick_place", layers): seeds for layers in (0, 1, 2)}, workers=2)
+    assert [job.agent.subgoal_layers for job in jobs] == [2, 1, 0]
+    assert makespan(jobs, 2) == 30
+
+
+def test_a_lone_agent_is_split_over_the_workers():
+    jobs = plan({Agent("ur5_reacher", 1): (0, 1, 2)}, workers=2)
+    assert [job.seeds for job in jobs] == [(0, 1), (2,)]
+
+
+def test_one_worker_keeps_populations_whole():
+    assert len(plan({Agent("ur5_reacher", 1): (0, 1, 2)}, workers=1)) == 1
+
+
+@pytest.mark.parametrize("missing", [{}, {Agent("ur5_reacher", 1): ()}])
+def test_nothing_missing_means_no_jobs(missing):
+    assert plan(missing, workers=4) == []
+
+
+@given(
+    st.dictionaries(
+        st.builds(Agent, st.sampled_from(["a", "b"]), st.integers(0, 2)),
+        st.sets(st.integers(0, 30)).map(lambda seeds: tuple(sorted(seeds))),
+    ),
+    st.integers(1, 9),
+)
+def test_every_missing_seed_is_in_exactly_one_job(missing, workers):
+    jobs = plan(missing, workers)
+    planned = sorted((job.agent, seed) for job in jobs for seed in job.seeds)
+    assert planned == sorted((agent, seed) for agent, seeds in missing.items() for seed in seeds)
+    assert len({job.name for job in jobs}) == len(jobs)
+    assert [job.cost for job in jobs] == sorted((job.cost for job in jobs), reverse=True)
+    assert len(jobs) >= min(workers, len(planned))

@@ -1,0 +1,166 @@
+"""The run folder: what counts as finished, torn files, the lock, and staying below --out."""
+
+import csv
+import math
+import multiprocessing
+
+import numpy as np
+import pytest
+
+from analysis.schema import RESULTS_COLUMNS
+from launch import manifest, results
+from launch.errors import CommandError
+from launch.planning import Agent
+from launch.run_folder import RunFolder
+
+AGENT = Agent("pick_place", 1)
+
+
+def row(seed: int, period: int, layers: int = 1) -> dict:
+    return {
+        "task": "pick_place",
+        "subgoal_layers": layers,
+        "seed": seed,
+        "period": period,
+        "success_rate": np.float64(0.1) * period,
+        "mean_steps_to_goal": math.nan,
+    }
+
+
+@pytest.fixture
+def folder(tmp_path) -> RunFolder:
+    folder = RunFolder(tmp_path, "pick_place")
+    with folder.lock():
+        folder.prepare([])
+    return folder
+
+
+def add_policy(folder: RunFolder, layers: int, seed: int) -> None:
+    stem = folder.policy(layers, seed)
+    for suffix in (".json", ".safetensors"):
+        stem.with_name(stem.name + suffix).write_text("{}")
+
+
+def test_rows_read_back_with_empty_cells_for_what_is_not_a_number(folder):
+    results.append(folder.results, [row(0, 3)])
+    with folder.results.open() as file:
+        (read,) = csv.DictReader(file)
+    assert tuple(read) == RESULTS_COLUMNS
+    assert float(read["success_rate"]) == 0.1 * 3  # every digit
+    assert read["mean_steps_to_goal"] == read["level2_q_mean"] == ""
+    assert results.read(folder.results) == ([read], 0)
+
+
+def test_a_seed_is_finished_with_all_its_rows_and_its_policy(folder):
+    results.append(folder.results, [row(seed, period) for seed in (0, 1) for period in range(3)])
+    results.append(folder.results, [row(2, 0), row(2, 2)])  # lacks period 1
+    results.append(folder.results, [row(3, period, layers=0) for period in range(3)])
+    for seed in (0, 2, 3):
+        add_policy(folder, 1, seed)
+    assert folder.finished(AGENT, periods=2) == {0}
+    assert folder.finished(AGENT, periods=3) == set()
+    assert folder.finished(Agent("pick_place", 0), periods=2) == set()
+
+
+@pytest.mark.parametrize("cut", [1, 2, 10, 40])
+def test_a_line_cut_short_is_dropped(folder, cut):
+    results.append(folder.results, [row(0, 0), row(0, 1)])
+    whole = folder.results.read_bytes()
+    folder.results.write_bytes(whole[:-cut])
+    rows, dropped = results.read(folder.results)
+    assert ([r["period"] for r in rows], dropped) == (["0"], 1)
+    with folder.lock():
+        assert folder.prepare([]) == 1
+    assert folder.results.read_bytes() == whole[: whole.rstrip().rfind(b"\n") + 1]
+
+
+def test_preparing_drops_the_rows_of_seeds_trained_anew_and_no_others(folder):
+    results.append(folder.results, [row(0, 0), row(1, 0), row(1, 0, layers=2)])
+    folder.failures.mkdir()
+    (folder.failures / "old.txt").touch()
+    (folder.path / ".job.log").touch()
+    (folder.policies / ".half.safetensors").touch()
+    with folder.lock():
+        assert folder.prepare([(1, 1)]) == 0
+    kept = [(r["subgoal_layers"], r["seed"]) for r in results.read(folder.results)[0]]
+    assert kept == [("1", "0"), ("2", "1")]
+    assert not folder.failures.exists()
+    assert sorted(path.name for path in folder.path.rglob(".*")) == [".lock"]
+
+
+def test_a_file_of_other_columns_is_refused_and_kept(folder):
+    folder.results.write_text("a,b\n1,2\n")
+    with pytest.raises(CommandError, match="other columns"):
+        folder.finished(AGENT, periods=1)
+    assert folder.results.read_text() == "a,b\n1,2\n"
+
+
+def _hold(folder: RunFolder, locked, release) -> None:
+    with folder.lock():
+        locked.set()
+        release.wait(60)
+
+
+@pytest.mark.parametrize("killed", [False, True])
+def test_a_second_launch_is_refused_until_the_first_ends_or_dies(folder, killed):
+    context = multiprocessing.get_context("spawn")
+    locked, release = context.Event(), context.Event()
+    first = context.Process(target=_hold, args=(folder, locked, release))
+    first.start()
+    assert locked.wait(60)
+    with pytest.raises(CommandError, match=f"in use by process {first.pid}"), folder.lock():
+        pass
+    if killed:
+        first.kill()
+    else:
+        release.set()
+    first.join(30)
+    with folder.lock():
+        pass
+
+
+@pytest.mark.parametrize("name", ["", ".", "..", "../up", "a/b", "/etc", "a\0b"])
+def test_names_that_are_not_folder_names_are_refused(tmp_path, name):
+    with pytest.raises(CommandError, match="cannot name a run folder"):
+        RunFolder(tmp_path, name)
+
+
+def test_out_may_have_spaces_and_any_letters(tmp_path):
+    folder = RunFolder(tmp_path / "my runs é中", "pick_place")
+    with folder.lock():
+        folder.prepare([])
+    assert folder.results.parent == tmp_path / "my runs é中" / "pick_place"
+
+
+def test_an_out_that_is_a_file_is_answered(tmp_path):
+    (tmp_path / "file").touch()
+    with (
+        pytest.raises(CommandError, match="cannot write to"),
+        RunFolder(tmp_path / "file", "pick_place").lock(),
+    ):
+        pass
+
+
+def test_a_manifest_survives_the_disk_and_keeps_earlier_launches(tmp_path):
+    path = tmp_path / "manifest.json"
+    first = manifest.add_launch(manifest.new("pick_place", 400, {"sizes": [1, 2]}), ["a"], 2)
+    manifest.write(path, first)
+    second = manifest.add_launch(manifest.read(path), ["b"], 1)
+    assert second["command"] == ["python", "b"]
+    assert [launch["command"] for launch in second["earlier_launches"]] == [["python", "a"]]
+    assert second["versions"]["mujoco"] and second["machine"]["cores"] >= 1
+
+
+def test_another_configuration_is_refused_naming_what_differs(tmp_path):
+    old = manifest.new("pick_place", 400, {"discount": 0.98, "batch_size": 256})
+    new = manifest.new("pick_place", 400, {"discount": 0.9, "batch_size": 256})
+    manifest.check_same(tmp_path / "manifest.json", old, dict(old))
+    with pytest.raises(CommandError, match=r"\(discount is 0.98 there and 0.9 here\)"):
+        manifest.check_same(tmp_path / "manifest.json", old, new)
+
+
+@pytest.mark.parametrize("text", ["{", "[]", "{}", '{"config": 1}'])
+def test_a_file_that_is_no_manifest_is_refused(tmp_path, text):
+    (tmp_path / "manifest.json").write_text(text)
+    with pytest.raises(CommandError, match="move the folder away"):
+        manifest.read(tmp_path / "manifest.json")
