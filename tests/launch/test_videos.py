@@ -1,0 +1,169 @@
+"""Rendering in a process of its own: real policies become files, failures leave nothing behind."""
+
+import json
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import imageio.v3 as iio
+import numpy as np
+import pytest
+
+import hac_suite
+import tasks
+from launch import doctor, play, rendering, settings, training, videos
+from launch.execution import StopSignal
+from launch.run_folder import RunFolder
+
+TASK = "ur5_reacher"
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory) -> RunFolder:
+    """A run folder with the untrained policy of seed 3, two subgoal layers."""
+    folder = RunFolder(tmp_path_factory.mktemp("runs"), TASK)
+    folder.policies.mkdir(parents=True)
+    config = hac_suite.Config(test_episodes=1)
+    result = next(
+        hac_suite.train(
+            lambda n: tasks.load_vector(TASK, n),
+            config,
+            [3],
+            subgoal_layers=2,
+            horizons=hac_suite.horizons(tasks.load_vector(TASK, 1).max_steps, 2),
+            periods=1,
+        )
+    )
+    metadata = {
+        "task": TASK,
+        "subgoal_layers": 2,
+        "seed": 3,
+        "success_rate": 0.0,
+        "config": settings.as_json(config),
+    }
+    training.save_policy(result.policies[0], folder.policy(2, 3), metadata)
+    return folder
+
+
+@pytest.fixture
+def run(folder) -> list[str]:
+    return ["launch/play.py", f"--task={TASK}", f"--run={folder.path}"]
+
+
+def test_a_saved_policy_leaves_no_other_file(folder):
+    assert {path.name for path in folder.policies.iterdir()} == {
+        f"{TASK}_2layers_seed3.json",
+        f"{TASK}_2layers_seed3.safetensors",
+    }
+
+
+def test_play_writes_an_mp4_that_players_open(run, tmp_path, capsys):
+    output = tmp_path / "new folder" / "v.mp4"
+    assert play.main([*run, "--episodes=1", f"--output={output}"]) == 0
+    assert capsys.readouterr().out.strip().endswith(str(output))
+    assert [path.name for path in output.parent.iterdir()] == ["v.mp4"]
+    described = iio.immeta(output, plugin="pyav")
+    assert (described["codec"], described["fps"]) == ("h264", rendering.FRAMES_PER_SECOND)
+    assert described["video_format"].startswith("yuv420p")
+    frames = iio.imread(output, plugin="pyav")
+    assert frames.shape[2:] == (rendering.SIZE[0], 3) and len(frames) > 45
+    title, picture = frames[0, :56], frames[0, 56:]
+    assert title.max() > 200 and picture.std() > 10
+    assert np.abs(frames[0].astype(int) - frames[len(frames) // 2]).max() > 50
+
+
+def test_play_writes_a_strip_of_frames(run, tmp_path):
+    output = tmp_path / "strip.png"
+    assert play.main([*run, "--seed=3", f"--output={output}"]) == 0
+    strip = iio.imread(output)
+    assert strip.shape == (268, 6 * 320, 3)
+    first, last = strip[:, :320], strip[:, -320:]
+    assert np.abs(first.astype(int) - last).max() > 50
+
+
+@pytest.mark.parametrize(
+    ("words", "answer"),
+    [
+        (["--task=ur5_reachr"], "unknown task 'ur5_reachr': did you mean 'ur5_reacher'?"),
+        (["--seed=4"], "no policy of 2 subgoal layers, seed 4; it has 2 subgoal layers: seeds 3"),
+        (["--subgoal_layers=1"], "no policy of 1 subgoal layer"),
+        (["--run=elsewhere"], "elsewhere holds no policies; train some with"),
+        (["--output=v.gif"], "ends in .mp4 or .png"),
+        (["--sed=3"], "unknown flag 'sed': did you mean 'seed'?"),
+        (["--episodes=0"], "--episodes=0"),
+    ],
+)
+def test_play_answers_bad_input_in_one_line(run, capsys, words, answer):
+    assert play.main([*run, *words]) == 2
+    printed = capsys.readouterr()
+    assert answer in printed.err and printed.err.count("\n") == 1 and not printed.out
+
+
+def test_no_backend_means_a_remedy_and_no_file(folder, tmp_path):
+    with pytest.raises(videos.RenderingError, match="apt-get install libegl1"):
+        videos.render(folder.policy(2, 3), tmp_path / "v.mp4", backends=("nonsense",))
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_falling_back_is_announced(folder, tmp_path):
+    output = tmp_path / "strip.png"
+    (note,) = videos.render(folder.policy(2, 3), output, backends=("nonsense", "egl"))
+    assert "rendered with egl, since nonsense:" in note
+    assert output.exists()
+
+
+def test_a_pickle_is_not_rendered(folder, tmp_path):
+    stem = tmp_path / "fake"
+    (tmp_path / "fake.json").write_text(folder.policy(2, 3).with_suffix(".json").read_text())
+    (tmp_path / "fake.safetensors").write_bytes(b"\x80\x04cos\nsystem\n.")
+    with pytest.raises(videos.RenderingError, match="not a safetensors policy"):
+        videos.render(stem, tmp_path / "v.mp4", backends=("egl",))
+
+
+def test_an_encoder_that_dies_leaves_no_half_video(folder, tmp_path, monkeypatch):
+    def dies(policy, path: Path, episodes: int) -> None:
+        path.write_bytes(b"half a video")
+        raise OSError("the encoder died")
+
+    monkeypatch.setattr(rendering, "write_video", dies)
+    request = {"policy": str(folder.policy(2, 3)), "output": str(tmp_path / "v.mp4"), "episodes": 1}
+    with pytest.raises(OSError, match="encoder died"):
+        rendering.main(json.dumps(request))
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_renderer_that_hangs_is_given_up():
+    assert videos.run_renderer("egl", "{}", timeout=0.0) == "gave no result within 0 s"
+
+
+def test_a_stop_ends_the_renderer():
+    stop = StopSignal()
+    stop.number = 2
+    start = time.monotonic()
+    assert videos.run_renderer("egl", "{}", stop=stop) == "stopped"
+    assert time.monotonic() - start < 10
+
+
+def test_the_doctor_finds_what_training_needs(capsys):
+    assert doctor.check_packages().good and doctor.check_cores().good
+    assert doctor.check_mp4().good
+    found = doctor.check_rendering()
+    assert found[0].text == "rendering with egl: works"
+
+
+def test_the_doctor_names_remedies(monkeypatch, capsys):
+    monkeypatch.setattr(doctor.videos, "BACKENDS", ("nonsense",))
+    monkeypatch.setattr(doctor, "_LEAST_FREE", 1e9)
+    assert doctor.main() == 1
+    printed = capsys.readouterr().out
+    assert "FAIL rendering with nonsense" in printed and "remedy: for rendering" in printed
+    assert "FAIL disk" in printed and "remedy: free" in printed
+
+
+def test_scripts_run_from_anywhere(tmp_path):
+    script = Path(play.__file__)
+    done = subprocess.run(
+        [sys.executable, script, "--help"], cwd=tmp_path, capture_output=True, text=True
+    )
+    assert done.returncode == 0 and "--output=video.mp4" in done.stdout
