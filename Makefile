@@ -30,8 +30,9 @@ run: $(STAMP)
 	$(BIN)/python launch/run.py --task=$(TASK) --seeds=$(SEEDS) $(ARGS)
 
 demo: $(STAMP)
-	@echo "==> demo: a minute of real training, its curve and a video"
-	$(BIN)/python -m launch.demo
+	@echo "==> demo: a minute of real training (two seeds of a pendulum), its curve and a video"
+	$(BIN)/python launch/run.py --task=pendulum_climb --seeds=2 --subgoal_layers=1 --periods=4 \
+		--config.episodes_per_period=60 --out=runs/demo
 
 test: $(STAMP)
 	@echo "==> test: the quick tests"

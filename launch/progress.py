@@ -9,7 +9,7 @@ from rich.table import Table
 
 from launch.planning import Agent, Job
 
-_SECONDS_BETWEEN_LINES = 30.0  # where the output is a file, not a terminal
+_SECONDS_BETWEEN_LINES = 15.0  # where the output is a file, not a terminal
 
 
 class _JobState:
@@ -70,7 +70,7 @@ class Board:
         for agent in self._agents():
             name, seeds, episodes, success, left = self._cells(agent)
             self._console.print(
-                f"{name}: {seeds} seeds, episodes {episodes}, success {success}, {left}",
+                f"{name}: {seeds} seed(s), episodes {episodes}, success {success}, {left}",
                 highlight=False,
                 soft_wrap=True,
             )

@@ -1,4 +1,4 @@
-"""`python launch/run.py` as a person runs it: real training, exit statuses, no litter from errors."""
+"""`python launch/run.py` as a person runs it: real training, exit statuses, no litter."""
 
 import json
 import subprocess
@@ -25,7 +25,7 @@ def test_a_small_experiment_from_another_folder(tmp_path):
         "--config.updates_per_episode=1",
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
-    assert "pendulum_climb, 1 subgoal layer: 2 seeds, episodes 0/4" in done.stdout
+    assert "pendulum_climb, 1 subgoal layer: 2 seed(s), episodes 0/4" in done.stdout
     folder = tmp_path / "runs" / "pendulum_climb"
     assert str(Path("runs") / "pendulum_climb" / "report.html") in done.stdout
     results = load(folder)
