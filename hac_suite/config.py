@@ -50,7 +50,7 @@ class Config:
     replay_capacity: int = 300_000  # transitions per level and seed; ours
     bounded_critic: bool = True  # R20: -T_i * sigmoid, and targets clipped to [-T_i, 0]
     initial_q: float = -0.067  # R20: the bounded critic's optimistic start
-    saturation_penalty: float = 1e-2  # ours: on the actor's squared output before the tanh
+    saturation_penalty: float = 1e-4  # ours: on the actor's squared output before the tanh
     target_rate: float = 0.05  # R18: Polyak; 0 learns from the online networks, as R20 does
     test_averaged_actor: bool = True  # R18: tests use the averaged actor
 
