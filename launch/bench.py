@@ -132,6 +132,7 @@ def main() -> None:
         "versions": manifest.versions(),
         "steps_per_second": measured,
     }
+    output.parent.mkdir(parents=True, exist_ok=True)
     write_atomically(output, lambda path: path.write_text(json.dumps(report, indent=2) + "\n"))
     console.print(f"wrote {output}", soft_wrap=True)
 

@@ -22,6 +22,9 @@ def main(argv: list[str]) -> int:
     except errors.CommandError as error:
         print(f"error: {error}", file=sys.stderr)
         return 2
+    except OSError as error:  # such as a full disk
+        print(f"error: {error}; what is finished is kept", file=sys.stderr)
+        return 1
 
 
 def _set_environment() -> None:
