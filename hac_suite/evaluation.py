@@ -6,8 +6,9 @@ from typing import NamedTuple
 import numpy as np
 
 from hac_suite.config import PAPER, Config
-from hac_suite.hierarchy import Round, StepView, collect
+from hac_suite.hierarchy import StepView, collect
 from hac_suite.policy import Policy
+from hac_suite.record import Round
 from hac_suite.types import VectorEnv, level_specs
 
 

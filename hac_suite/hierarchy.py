@@ -11,36 +11,8 @@ import numpy as np
 
 from hac_suite import exploration
 from hac_suite.config import Config
+from hac_suite.record import Round
 from hac_suite.types import Actor, EnvStep, VectorEnv
-
-
-class LevelRecord(NamedTuple):
-    """What one level did, by the time [H, N, ...] of the primitive action that completed it.
-
-    Entries count only where `done`.
-    """
-
-    done: np.ndarray  # bool: an attempt was completed
-    start: np.ndarray  # int: the time its output was chosen
-    output: np.ndarray  # [H, N, A]: that output, in [-1, 1]
-    goal: np.ndarray  # [H, N, G]: what the level pursued
-    reached: np.ndarray  # bool: the level's own goal was achieved
-    hit: np.ndarray  # bool: the proposed subgoal was achieved (levels > 0)
-    tested: np.ndarray  # bool: it was a subgoal test, its own or a higher level's
-    exhausted: np.ndarray  # bool: the level below used all of its attempts, none cut short
-    segment_end: np.ndarray  # bool: the level's goal was given up or achieved here
-
-
-class Round(NamedTuple):
-    """One episode of each of N environments."""
-
-    observation: np.ndarray  # [H + 1, N, D]
-    achieved_goal: np.ndarray  # [H + 1, N, G]
-    achieved_subgoal: np.ndarray  # [H + 1, N, H]
-    levels: list[LevelRecord]
-    success: np.ndarray  # bool [N]: the end goal was achieved
-    steps: np.ndarray  # int [N]: primitive actions taken (until the goal, where first achieved)
-    diverged: np.ndarray  # bool [N]
 
 
 class StepView(NamedTuple):
@@ -93,11 +65,11 @@ class Hierarchy:
         on_step: Callable[[StepView], None] | None = None,
     ) -> Round:
         """Runs an episode in every environment (Algorithm 1, its innermost loops)."""
-        env, horizon, n = self._env, self._env.max_steps, self._env.num_envs
+        env, horizon = self._env, self._env.max_steps
         state = env.reset(episode_seeds, test=test)
         self.goal[self._top] = state.desired_goal.copy()
-        self._record = self._new_record(state) if self._draws is not None else None
-        success, steps = np.zeros(n, bool), np.zeros(n, np.int64)
+        recorded = 0 if self._draws is None else horizon
+        self._round = Round.empty(recorded, state, self._output, self.goal)
         for time in range(horizon):
             self._propose(state.observation, time)
             if on_step and time == 0:
@@ -106,14 +78,19 @@ class Hierarchy:
             stepped = self._active
             state = env.step(self._centre + self._half_range * self._output[0], stepped)
             reached = self._reached(state)
-            steps += stepped & ~success
-            success |= reached[self._top]
+            self._count(stepped, reached[self._top], state)
             self._finish(time, state, reached, last=time + 1 == horizon)
             if on_step:
                 on_step(self._view(time + 1, state))
             if not self._active.any():
                 break
-        return self._round(state, success, steps)
+        return self._round
+
+    def _count(self, stepped: np.ndarray, succeeded: np.ndarray, state: EnvStep) -> None:
+        outcome = self._round
+        outcome.steps[stepped & ~outcome.success] += 1
+        outcome.diverged[:] = state.diverged
+        outcome.success[:] = (outcome.success | succeeded) & ~outcome.diverged
 
     def _propose(self, observation: np.ndarray, time: int) -> None:
         """Levels whose attempt is over propose the next subgoal, from the top down."""
@@ -180,19 +157,28 @@ class Hierarchy:
             used_all = completed & (self.attempts[level] >= self._horizons[level])
             gives_up = used_all if self._held_to_attempts or level < self._top else last & used_all
             ends = completed & (reached_here_or_above[level] | gives_up | last)
-            if self._record is not None:
-                hit = reached[level - 1] if level else np.zeros_like(ends)
-                self._write(level, time, completed, reached[level], hit, exhausted, ends)
+            hit = reached[level - 1] if level else np.zeros_like(ends)
+            if self._draws is not None:
+                self._round.levels[level].write(
+                    time,
+                    done=completed,
+                    start=self._start[level],
+                    output=self._output[level],
+                    goal=self.goal[level],
+                    reached=reached[level],
+                    hit=hit,
+                    tested=self._tested[level],
+                    exhausted=exhausted,
+                    segment_end=ends,
+                )
             # A last attempt that was cut short leaves open what it would have come to.
-            cut_short = ~(reached[level - 1] | exhausted) if level else np.zeros_like(ends)
+            cut_short = ~(hit | exhausted) if level else np.zeros_like(ends)
             exhausted = used_all & ~cut_short
             self._must_propose[level] = completed
             completed = ends
         self._end_episodes(state, reached[self._top], gives_up, last)
-        if self._record is not None:
-            self._record.observation[time + 1] = state.observation
-            self._record.achieved_goal[time + 1] = state.achieved_goal
-            self._record.achieved_subgoal[time + 1] = state.achieved_subgoal
+        if self._draws is not None:
+            self._round.write_state(time + 1, state)
 
     def _end_episodes(
         self, state: EnvStep, succeeded: np.ndarray, gives_up: np.ndarray, last: bool
@@ -204,70 +190,6 @@ class Hierarchy:
         else:
             over = over | succeeded
         self._active = self._active & ~over
-
-    def _new_record(self, state: EnvStep) -> Round:
-        horizon, n = self._env.max_steps, self._env.num_envs
-
-        def over_time(first: np.ndarray) -> np.ndarray:
-            recorded = np.zeros((horizon + 1, *first.shape))
-            recorded[0] = first
-            return recorded
-
-        def flags() -> np.ndarray:
-            return np.zeros((horizon, n), bool)
-
-        levels = [
-            LevelRecord(
-                done=flags(),
-                start=np.zeros((horizon, n), np.int64),
-                output=np.zeros((horizon, *output.shape)),
-                goal=np.zeros((horizon, *goal.shape)),
-                reached=flags(),
-                hit=flags(),
-                tested=flags(),
-                exhausted=flags(),
-                segment_end=flags(),
-            )
-            for output, goal in zip(self._output, self.goal, strict=True)
-        ]
-        return Round(
-            observation=over_time(state.observation),
-            achieved_goal=over_time(state.achieved_goal),
-            achieved_subgoal=over_time(state.achieved_subgoal),
-            levels=levels,
-            success=np.zeros(n, bool),
-            steps=np.zeros(n, np.int64),
-            diverged=np.zeros(n, bool),
-        )
-
-    def _write(
-        self,
-        level: int,
-        time: int,
-        completed: np.ndarray,
-        reached: np.ndarray,
-        hit: np.ndarray,
-        exhausted: np.ndarray,
-        ends: np.ndarray,
-    ) -> None:
-        assert self._record is not None
-        record = self._record.levels[level]
-        record.done[time] = completed
-        record.start[time] = self._start[level]
-        record.output[time] = self._output[level]
-        record.goal[time] = self.goal[level]
-        record.reached[time] = reached
-        record.hit[time] = hit
-        record.tested[time] = self._tested[level]
-        record.exhausted[time] = exhausted
-        record.segment_end[time] = ends
-
-    def _round(self, state: EnvStep, success: np.ndarray, steps: np.ndarray) -> Round:
-        diverged = np.asarray(state.diverged, bool)
-        if self._record is None:
-            nothing = np.zeros((0, self._env.num_envs, 0))
-            return Round(nothing, nothing, nothing, [], success & ~diverged, steps, diverged)
-        return self._record._replace(success=success & ~diverged, steps=steps, diverged=diverged)
 
     def _view(self, step: int, state: EnvStep) -> StepView:
         return StepView(step, self._active, self.goal[: self._top], self.attempts, state)

@@ -8,10 +8,10 @@ import torch
 from hac_suite import exploration, transitions
 from hac_suite.config import Config
 from hac_suite.exploration import Purpose
-from hac_suite.hierarchy import Round
 from hac_suite.learner import Learner
 from hac_suite.networks import StackedMLP
 from hac_suite.policy import Policy, as_actor
+from hac_suite.record import Round
 from hac_suite.replay import Replay, RowLayout
 from hac_suite.types import Actor, LevelSpec, VectorEnv, level_specs
 

@@ -10,9 +10,10 @@ from hac_suite import exploration
 from hac_suite.config import Config
 from hac_suite.evaluation import EpisodeStats
 from hac_suite.exploration import Purpose
-from hac_suite.hierarchy import Round, collect
+from hac_suite.hierarchy import collect
 from hac_suite.policy import Policy
 from hac_suite.population import Population
+from hac_suite.record import Round
 from hac_suite.transitions import penalised
 from hac_suite.types import VectorEnv
 

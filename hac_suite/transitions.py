@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from hac_suite.config import Config
-from hac_suite.hierarchy import LevelRecord, Round
+from hac_suite.record import LevelRecord, Round
 from hac_suite.types import GoalSpace
 
 REGULAR, PENALTY, HINDSIGHT = 0, 1, 2

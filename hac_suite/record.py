@@ -1,0 +1,90 @@
+"""What a round of episodes leaves behind, for `transitions` to turn into experience."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from hac_suite.types import EnvStep
+
+
+class LevelRecord(NamedTuple):
+    """What one level did, by the time [H, N, ...] of the primitive action that completed it.
+
+    Entries count only where `done`.
+    """
+
+    done: np.ndarray  # bool: an attempt was completed
+    start: np.ndarray  # int: the time its output was chosen
+    output: np.ndarray  # [H, N, A]: that output, in [-1, 1]
+    goal: np.ndarray  # [H, N, G]: what the level pursued
+    reached: np.ndarray  # bool: the level's own goal was achieved
+    hit: np.ndarray  # bool: the proposed subgoal was achieved (levels > 0)
+    tested: np.ndarray  # bool: it was a subgoal test, its own or a higher level's
+    exhausted: np.ndarray  # bool: the level below used all of its attempts, none cut short
+    segment_end: np.ndarray  # bool: the level's goal was given up or achieved here
+
+    @classmethod
+    def empty(cls, horizon: int, output: np.ndarray, goal: np.ndarray) -> "LevelRecord":
+        """Room for `horizon` steps of a level with outputs [N, A] and goals [N, G]."""
+
+        def flags() -> np.ndarray:
+            return np.zeros((horizon, len(output)), bool)
+
+        return cls(
+            done=flags(),
+            start=np.zeros((horizon, len(output)), np.int64),
+            output=np.zeros((horizon, *output.shape)),
+            goal=np.zeros((horizon, *goal.shape)),
+            reached=flags(),
+            hit=flags(),
+            tested=flags(),
+            exhausted=flags(),
+            segment_end=flags(),
+        )
+
+    def write(self, time: int, **entries: np.ndarray) -> None:
+        """Sets the entries of one step."""
+        for name, value in entries.items():
+            getattr(self, name)[time] = value
+
+
+class Round(NamedTuple):
+    """One episode of each of N environments."""
+
+    observation: np.ndarray  # [H + 1, N, D]
+    achieved_goal: np.ndarray  # [H + 1, N, G]
+    achieved_subgoal: np.ndarray  # [H + 1, N, H]
+    levels: list[LevelRecord]
+    success: np.ndarray  # bool [N]: the end goal was achieved
+    steps: np.ndarray  # int [N]: primitive actions taken (until the goal, where first achieved)
+    diverged: np.ndarray  # bool [N]
+
+    @classmethod
+    def empty(
+        cls,
+        horizon: int,
+        state: EnvStep,
+        outputs: Sequence[np.ndarray],
+        goals: Sequence[np.ndarray],
+    ) -> "Round":
+        """Room for `horizon` steps that begin in `state`; `horizon` 0 keeps the outcome alone."""
+        n = len(state.diverged)
+        levels = zip(outputs, goals, strict=True)
+        made = cls(
+            observation=np.zeros((horizon + 1, *state.observation.shape)),
+            achieved_goal=np.zeros((horizon + 1, *state.achieved_goal.shape)),
+            achieved_subgoal=np.zeros((horizon + 1, *state.achieved_subgoal.shape)),
+            levels=[LevelRecord.empty(horizon, output, goal) for output, goal in levels],
+            success=np.zeros(n, bool),
+            steps=np.zeros(n, np.int64),
+            diverged=np.zeros(n, bool),
+        )
+        made.write_state(0, state)
+        return made
+
+    def write_state(self, time: int, state: EnvStep) -> None:
+        """Keeps what `time` actions have led to."""
+        self.observation[time] = state.observation
+        self.achieved_goal[time] = state.achieved_goal
+        self.achieved_subgoal[time] = state.achieved_subgoal
