@@ -55,8 +55,9 @@ class Replay:
     def __init__(self, seeds: int, capacity: int, layout: RowLayout):
         self.layout = layout
         self.capacity = capacity
-        # Zeros, not empty: a seed with no transition yet (all diverged) learns from a blank row.
-        self.rows = torch.zeros(seeds, capacity, layout.width)
+        # Zeros, since a seed without a transition yet (all diverged) learns from a blank row; and
+        # numpy's, whose pages take memory only once they are written.
+        self.rows = torch.from_numpy(np.zeros((seeds, capacity, layout.width), np.float32))
         self.added = np.zeros(seeds, np.int64)
 
     @property

@@ -100,6 +100,25 @@ def test_diverged_episodes_are_counted_and_failed():
     assert last.rows[0]["level0_replay_fill"] == 0 or np.isnan(last.rows[0]["level0_replay_fill"])
 
 
+def test_every_agent_and_period_of_a_seed_is_tested_on_the_same_episodes():
+    resets = []
+
+    class Watched(PointEnv):
+        def reset(self, seeds=None, *, mask=None, test=False):
+            resets.append((test, tuple(seeds)))
+            return super().reset(seeds, mask=mask, test=test)
+
+    for layers in (0, 1):
+        attempts = horizons(20, layers)
+        arguments = dict(subgoal_layers=layers, horizons=attempts, periods=2)
+        list(training.train(lambda n: Watched(n, max_steps=20), FAST, [5], **arguments))
+    tested = [seeds for test, seeds in resets if test]
+    assert len(tested) == 6 and len(set(tested)) == 1
+    assert len(set(tested[0])) == FAST.test_episodes
+    trained = [seeds for test, seeds in resets if not test]
+    assert len(set(trained)) == len(trained) / 2  # fresh ones each round, the same for both agents
+
+
 def test_progress_is_reported_each_round():
     seen = []
     arguments = dict(subgoal_layers=0, horizons=(20,), periods=1)
