@@ -72,8 +72,8 @@ class Config:
         )
         self._require(
             "hidden_sizes",
-            len(self.hidden_sizes) > 0 and min(self.hidden_sizes) >= 1,
-            "one or more positive sizes",
+            len(self.hidden_sizes) > 0 and min(self.hidden_sizes) >= 2,
+            "one or more sizes of at least 2",
         )
         self._require(
             "episodes_per_period",
@@ -97,24 +97,23 @@ _COUNTS = (
 
 PAPER = Config()
 
-RELEASE_2018 = dataclasses.replace(
+_RELEASES = dataclasses.replace(
     PAPER,
-    subgoal_test_rate=0.2,
     test_draw="each_level",
     tested_subgoal_noise_free=False,
     hindsight_pick_last=True,
-    continue_after_goal=True,
-    bounded_critic=False,
+    drop_held_hindsight=False,
+    batch_size=1024,
+    updates_per_episode=40,
+    saturation_penalty=0.0,
+)
+
+RELEASE_2018 = dataclasses.replace(
+    _RELEASES, subgoal_test_rate=0.2, continue_after_goal=True, bounded_critic=False
 )
 
 RELEASE_2020 = dataclasses.replace(
-    PAPER,
-    test_draw="each_level",
-    tested_subgoal_noise_free=False,
-    hindsight_relabels="segment",
-    hindsight_pick_last=True,
-    target_rate=0.0,
-    test_averaged_actor=False,
+    _RELEASES, hindsight_relabels="segment", target_rate=0.0, test_averaged_actor=False
 )
 
 PRESETS = {"paper": PAPER, "release_2018": RELEASE_2018, "release_2020": RELEASE_2020}

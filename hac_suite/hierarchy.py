@@ -68,6 +68,7 @@ class Hierarchy:
         env, horizon = self._env, self._env.max_steps
         state = env.reset(episode_seeds, test=test)
         self.goal[self._top] = state.desired_goal.copy()
+        self._active = ~state.diverged
         recorded = 0 if self._draws is None else horizon
         self._round = Round.empty(recorded, state, self._output, self.goal)
         for time in range(horizon):
@@ -88,7 +89,7 @@ class Hierarchy:
 
     def _count(self, stepped: np.ndarray, succeeded: np.ndarray, state: EnvStep) -> None:
         outcome = self._round
-        outcome.steps[stepped & ~outcome.success] += 1
+        outcome.steps[stepped] += 1
         outcome.diverged[:] = state.diverged
         outcome.success[:] = (outcome.success | succeeded) & ~outcome.diverged
 

@@ -7,11 +7,14 @@ bit, in any population.
 import math
 
 import torch
+from torch.nn import functional
 
 from hac_suite.config import Config
 from hac_suite.networks import StackedMLP
 from hac_suite.replay import RowLayout
 from hac_suite.types import LevelSpec
+
+_REGISTERS = 32  # floats; a multiple of every vector width
 
 
 class BoundedCritic:
@@ -26,7 +29,13 @@ class BoundedCritic:
         self._offset = -math.log(self.bound / -initial_q - 1)
 
     def value(self, raw: torch.Tensor) -> torch.Tensor:
-        return torch.sigmoid(raw + self._offset) * -self.bound
+        """Q of raw outputs [..., B]."""
+        # What is left over after whole vector registers goes through another sigmoid, with other
+        # roundings: rows are filled up, so that nothing is left over whatever the population.
+        left_over = raw.shape[-1] % _REGISTERS if raw.ndim else 0
+        filled = functional.pad(raw, (0, _REGISTERS - left_over)) if left_over else raw
+        value = torch.sigmoid(filled + self._offset) * -self.bound
+        return value[..., : raw.shape[-1]] if left_over else value
 
     def raw_gradient(self, gradient: torch.Tensor, value: torch.Tensor) -> torch.Tensor:
         """d loss / dx from d loss / dQ: dQ/dx = Q * (1 + Q / T)."""

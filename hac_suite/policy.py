@@ -148,12 +148,17 @@ def _read_description(path: Path) -> dict[str, Any]:
     return described
 
 
+def _chained(layers: list[torch.Tensor]) -> bool:
+    """Whether each layer's outputs, and a one, are the next one's inputs."""
+    matrices = all(layer.ndim == 2 for layer in layers)
+    return matrices and all(a.shape[1] + 1 == b.shape[0] for a, b in itertools.pairwise(layers))
+
+
 def _network(tensors: dict[str, torch.Tensor], level: int, path: Path) -> StackedMLP:
     layers: list[torch.Tensor] = []
     while f"level{level}.layer{len(layers)}" in tensors:
         layers.append(tensors[f"level{level}.layer{len(layers)}"])
-    chained = all(a.shape[1] + 1 == b.shape[0] for a, b in itertools.pairwise(layers))
-    if not layers or any(layer.ndim != 2 for layer in layers) or not chained:
+    if not layers or not _chained(layers):
         raise ValueError(f"{path} lacks a whole network for level {level}.")
     if not all(bool(torch.isfinite(layer).all()) for layer in layers):
         raise ValueError(f"{path}: the weights of level {level} are not all finite.")

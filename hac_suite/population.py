@@ -96,7 +96,7 @@ class Population:
         """Per level, per seed: what the critic and actor look like on replayed states."""
         found: list[dict[str, list[float]]] = []
         for level, (learner, replay) in enumerate(zip(self.learners, self.replays, strict=True)):
-            if not replay.sizes.all():
+            if not replay.sizes.any():
                 found.append({})
                 continue
             streams = [
@@ -107,6 +107,8 @@ class Population:
             ]
             chosen = replay.sample_indices(streams, 1, self.config.batch_size)[0]
             measured = learner.diagnose(self._gather(replay, chosen))
+            for values in measured.values():
+                values[:] = np.where(replay.sizes > 0, values, np.nan)
             measured["replay_fill"] = (replay.sizes / replay.capacity).tolist()
             found.append(measured)
         return found

@@ -57,7 +57,7 @@ class Round(NamedTuple):
     achieved_subgoal: np.ndarray  # [H + 1, N, H]
     levels: list[LevelRecord]
     success: np.ndarray  # bool [N]: the end goal was achieved
-    steps: np.ndarray  # int [N]: primitive actions taken (until the goal, where first achieved)
+    steps: np.ndarray  # int [N]: primitive actions taken
     diverged: np.ndarray  # bool [N]
 
     @classmethod

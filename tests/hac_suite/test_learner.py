@@ -9,6 +9,7 @@ import torch
 
 from hac_suite.config import PAPER
 from hac_suite.learner import BoundedCritic, Learner, UnboundedCritic, critic_gradient
+from hac_suite.networks import StackedMLP
 from hac_suite.replay import RowLayout
 from hac_suite.types import LevelSpec
 from tasks.goal_space import GoalSpace
@@ -70,29 +71,49 @@ def test_target_by_hand():
     assert target[0].tolist() == pytest.approx(expected, abs=1e-6)
 
 
-def autograd_critic_gradient(learner: Learner, rows: torch.Tensor) -> torch.Tensor:
-    """The gradient of each seed's critic loss, from its definition."""
-    copy = rows.clone()
-    block, after = copy[..., : LAYOUT.block], copy[..., LAYOUT.block : 2 * LAYOUT.block]
-    target = learner._target(after, copy[..., -2], copy[..., -1])
-    flat = learner.critic.parameters.detach().clone().requires_grad_()
+def autograd_forward(network: StackedMLP, flat: torch.Tensor, block: torch.Tensor) -> torch.Tensor:
+    """What the network with these parameters says, by ordinary products."""
     hidden = block
-    for index, weight in enumerate(learner.critic._views(flat)):
+    for index, weight in enumerate(network._views(flat)):
         if index:
             hidden = torch.cat([hidden.relu(), torch.ones_like(hidden[..., :1])], dim=-1)
         hidden = hidden @ weight
-    value = learner.critic_kind.value(hidden[..., 0])
-    loss = ((value - target) ** 2).mean(dim=1).sum()
-    return torch.autograd.grad(loss, flat)[0]
+    return hidden[..., : network.outputs]
+
+
+def parameters_of(network: StackedMLP) -> torch.Tensor:
+    return network.parameters.detach().clone().requires_grad_()
 
 
 @pytest.mark.parametrize("bounded", [True, False])
 def test_critic_update_follows_the_gradient_of_its_loss(bounded):
+    """The loss of a seed is the mean over its batch of (Q - y)^2."""
     learner, rows = a_learner(bounded_critic=bounded), a_batch()
-    expected = autograd_critic_gradient(learner, rows)
     block, after = rows[..., : LAYOUT.block], rows[..., LAYOUT.block : 2 * LAYOUT.block]
-    learner._update_critic(block, learner._target(after, rows[..., -2], rows[..., -1]))
+    target = learner._target(after, rows[..., -2], rows[..., -1])
+    flat = parameters_of(learner.critic)
+    value = learner.critic_kind.value(autograd_forward(learner.critic, flat, block)[..., 0])
+    (expected,) = torch.autograd.grad(((value - target) ** 2).mean(dim=1).sum(), flat)
+    learner._update_critic(block, target)
     torch.testing.assert_close(learner.critic.gradient, expected, rtol=1e-4, atol=1e-6)
+
+
+@pytest.mark.parametrize("penalty", [0.0, 0.5])
+@pytest.mark.parametrize("bounded", [True, False])
+def test_actor_update_follows_the_gradient_of_its_loss(bounded, penalty):
+    """The loss of a seed is the mean over its batch of -Q(s, tanh(u)) + penalty * |u|^2."""
+    learner = a_learner(bounded_critic=bounded, saturation_penalty=penalty)
+    for network in (learner.actor, learner.critic):
+        network.parameters.copy_(torch.randn(network.parameters.shape) * 0.3)
+    block, actions = a_batch()[..., : LAYOUT.block], LAYOUT.action_dim
+    flat = parameters_of(learner.actor)
+    before_tanh = autograd_forward(learner.actor, flat, block[..., actions:])
+    judged = torch.cat([before_tanh.tanh(), block[..., actions:]], dim=-1)
+    raw = autograd_forward(learner.critic, learner.critic.parameters, judged)[..., 0]
+    loss = penalty * (before_tanh**2).sum(dim=-1) - learner.critic_kind.value(raw)
+    (expected,) = torch.autograd.grad(loss.mean(dim=1).sum(), flat)
+    learner._update_actor(block.clone())
+    torch.testing.assert_close(learner.actor.gradient, expected, rtol=1e-4, atol=1e-6)
 
 
 def test_actor_update_raises_the_critics_value():

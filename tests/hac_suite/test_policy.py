@@ -5,6 +5,7 @@ import pickle
 
 import numpy as np
 import pytest
+import safetensors.torch
 import torch
 
 from hac_suite.networks import StackedMLP
@@ -81,6 +82,14 @@ def test_weights_that_are_not_finite_are_refused(policy, tmp_path):
     policy.networks[1].parameters[0, 3] = float("nan")
     policy.save(tmp_path / "p", {})
     with pytest.raises(ValueError, match="weights of level 1"):
+        Policy.load(tmp_path / "p")
+
+
+def test_tensors_of_the_wrong_shape_are_refused(policy, tmp_path):
+    policy.save(tmp_path / "p", {})
+    vectors = {"level0.layer0": torch.zeros(3), "level0.layer1": torch.zeros(4)}
+    safetensors.torch.save_file(vectors, tmp_path / "p.safetensors")
+    with pytest.raises(ValueError, match="whole network for level 0"):
         Policy.load(tmp_path / "p")
 
 
