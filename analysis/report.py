@@ -161,12 +161,13 @@ def _read_manifest(path: Path) -> tuple[dict[str, Any], str]:
 def _recorded_commands(manifest: Mapping[str, Any]) -> list[str]:
     """Command lines of the launches that made the folder, each once, oldest first.
 
-    Each is recorded as the program's own words, which begin with the script.
+    A launch's `command` is a list of words; the latest launch is at the manifest's top level.
     """
-    launches = manifest.get("launches")
+    earlier = manifest.get("earlier_launches")
+    launches = [*(earlier if isinstance(earlier, list) else []), manifest]
     recorded = [
-        "python " + shlex.join(map(str, launch["command"]))
-        for launch in (launches if isinstance(launches, list) else [])
+        shlex.join(map(str, launch["command"]))
+        for launch in launches
         if isinstance(launch, dict) and isinstance(launch.get("command"), list)
     ]
     return list(dict.fromkeys(recorded))

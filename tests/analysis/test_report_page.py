@@ -1,6 +1,7 @@
 """report.html stands alone, shows what the folder has, and escapes what others wrote."""
 
 import base64
+import html
 import json
 import re
 from html.parser import HTMLParser
@@ -91,26 +92,47 @@ def test_lacking_parts_are_said(make_run):
     assert "--task=pick_place --seeds=3 --subgoal_layers=0,1,2 --periods=1" in text
 
 
+def _manifest(*commands: list[str]) -> dict:
+    """A manifest of these launches, oldest first, in the shape that launching leaves."""
+    *earlier, last = [
+        {"command": command, "started": f"2026-01-0{day}", "commit": "abc"}
+        for day, command in enumerate(commands, start=1)
+    ]
+    config = {"discount": 0.98, "hidden_sizes": [64, 64]}
+    return {"task": "pick_place", "config": config, "earlier_launches": earlier, **last}
+
+
+def _commands(path: Path) -> list[str]:
+    (block,) = re.findall(r"<pre>(.*?)</pre>", path.read_text(encoding="utf-8"), re.DOTALL)
+    return html.unescape(block).splitlines()
+
+
 def test_commands_and_configuration_come_from_the_manifest(make_run):
     folder = make_run(CURVES)
-    command = ["launch/run.py", "--task=pick_place", "--out=my runs"]
-    manifest = {
-        "config": {"gamma": 0.98, "layers": [64, 64]},
-        "launches": [{"command": command, "commit": "abc"}, {"command": command, "commit": "abd"}],
-    }
-    (folder / "manifest.json").write_text(json.dumps(manifest))
+    first = ["python", "launch/run.py", "--task=pick_place", "--seeds=1"]
+    second = ["python", "launch/run.py", "--task=pick_place", "--out=my runs"]
+    (folder / "manifest.json").write_text(json.dumps(_manifest(first, second, first, second)))
     path = write_report(folder)
-    assert Page(path).text.count("python launch/run.py") == 1
-    assert "<pre>python launch/run.py --task=pick_place &#x27;--out=my runs&#x27;</pre>" in (
-        path.read_text()
-    )
+    assert _commands(path) == [
+        "python launch/run.py --task=pick_place --seeds=1",
+        "python launch/run.py --task=pick_place '--out=my runs'",
+    ]
     entries = _cells(path)
-    assert ["config.gamma", "0.98"] in entries
-    assert ["config.layers", "[64, 64]"] in entries
-    assert ["launches.1.commit", "abd"] in entries
+    assert ["config.discount", "0.98"] in entries
+    assert ["config.hidden_sizes", "[64, 64]"] in entries
+    assert ["earlier_launches.1.started", "2026-01-02"] in entries
 
 
-@pytest.mark.parametrize("content", ["{", "[1]", '{"launches": [1, {}]}'])
+def test_the_command_of_a_single_launch_is_shown(make_run):
+    folder = make_run(CURVES)
+    words = ["python", "launch/run.py", "--seeds=7"]
+    (folder / "manifest.json").write_text(json.dumps(_manifest(words)))
+    assert _commands(write_report(folder)) == ["python launch/run.py --seeds=7"]
+
+
+@pytest.mark.parametrize(
+    "content", ["{", "[1]", '{"earlier_launches": [1, {}]}', '{"command": "python x"}']
+)
 def test_a_broken_manifest_does_not_cost_the_report(make_run, content):
     folder = make_run(CURVES)
     (folder / "manifest.json").write_text(content)
@@ -122,7 +144,7 @@ def test_markup_in_names_and_manifest_is_escaped(make_run, make_results, tmp_pat
     folder = make_run(CURVES)
     make_results(CURVES, task=evil).to_csv(folder / "results.csv", index=False)
     (folder / "manifest.json").write_text(
-        json.dumps({evil: evil, "launches": [{"command": [evil]}], "config": {"a": {"b": evil}}})
+        json.dumps({evil: evil, "command": [evil], "config": {"a": {"b": evil}}})
     )
     for name in ("videos", "policies"):
         (folder / name).mkdir()

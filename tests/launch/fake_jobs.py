@@ -1,11 +1,13 @@
 """Work for worker processes that takes no time: stands in for training in the launcher's tests."""
 
+import math
 import os
 import signal
 import time
 from pathlib import Path
 
 import hac_suite
+from analysis.schema import LEVEL_FIELDS, level_column
 from launch.planning import Job
 from launch.run_folder import POLICY_SUFFIXES, RunFolder
 from launch.training import Tested
@@ -32,6 +34,11 @@ def fail_by_name(job: Job, send) -> None:
 
 
 def row(job: Job, seed: int, period: int) -> dict:
+    """A row of results with all columns that training gives it."""
+    levels = range(job.agent.subgoal_layers + 1)
+    diagnostics = {
+        level_column(level, field): math.nan for level in levels for field in LEVEL_FIELDS
+    }
     return {
         "task": job.agent.task,
         "subgoal_layers": job.agent.subgoal_layers,
@@ -44,6 +51,7 @@ def row(job: Job, seed: int, period: int) -> dict:
         "mean_steps_to_goal": 30.0,
         "wall_seconds": 1.5,
         "diverged_episodes": 0,
+        **diagnostics,
     }
 
 

@@ -49,6 +49,7 @@ def test_a_launch_leaves_a_whole_run_folder(tmp_path, capsys):
     assert manifest["config"]["discount"] == 0.98
     assert manifest["finished"] is not None
     assert jobs(tmp_path) == trained(tmp_path)
+    assert "python launch/run.py --task=pendulum_climb" in folder.report.read_text()
     printed = capsys.readouterr().out
     assert "pendulum_climb, 1 subgoal layer" in printed and str(folder.report) in printed
     assert not list(folder.path.glob("*.log")) and not list(folder.path.glob(".*.log"))

@@ -7,21 +7,23 @@ import multiprocessing
 import numpy as np
 import pytest
 
+import hac_suite
+from analysis import schema
+from analysis.report import write_report
 from analysis.schema import RESULTS_COLUMNS
 from launch import manifest, results
 from launch.errors import CommandError
-from launch.planning import Agent
+from launch.planning import Agent, Job
 from launch.run_folder import RunFolder
+from tests.launch import fake_jobs
 
 AGENT = Agent("pick_place", 1)
 
 
 def row(seed: int, period: int, layers: int = 1) -> dict:
+    job = Job(Agent("pick_place", layers), (seed,))
     return {
-        "task": "pick_place",
-        "subgoal_layers": layers,
-        "seed": seed,
-        "period": period,
+        **fake_jobs.row(job, seed, period),
         "success_rate": np.float64(0.1) * period,
         "mean_steps_to_goal": math.nan,
     }
@@ -49,6 +51,31 @@ def test_rows_read_back_with_empty_cells_for_what_is_not_a_number(folder):
     assert float(read["success_rate"]) == 0.1 * 3  # every digit
     assert read["mean_steps_to_goal"] == read["level2_q_mean"] == ""
     assert results.read(folder.results) == ([read], 0)
+
+
+@pytest.mark.parametrize(
+    ("extra", "lacking"),
+    [({"level0_novel": 1.0}, "level1_tested"), ({"novel": 1}, "seed"), ({"level2_q_min": 0.0}, "")],
+)
+def test_a_column_that_only_one_side_knows_is_refused(folder, extra, lacking):
+    names = [*extra, lacking] if lacking else [*extra]
+    with pytest.raises(ValueError, match="columns that only") as caught:
+        results.append(
+            folder.results, [{k: v for k, v in row(0, 0).items() if k != lacking} | extra]
+        )
+    assert all(repr(name) in str(caught.value) for name in names)
+    assert results.read(folder.results) == ([], 0)
+
+
+def test_the_engine_measures_what_the_file_has_columns_for():
+    assert hac_suite.DIAGNOSTICS == schema.LEVEL_FIELDS
+
+
+@pytest.mark.parametrize(("column", "value"), [("seed", "1.5"), ("period", ""), ("seed", "-1")])
+def test_a_bad_number_is_answered_with_its_line(folder, column, value):
+    results.append(folder.results, [row(0, 0), {**row(0, 1), column: value}])
+    with pytest.raises(CommandError, match=rf"results.csv, line 3: {column} is '{value}'"):
+        folder.finished(AGENT, periods=1)
 
 
 def test_a_seed_is_finished_with_all_its_rows_and_its_policy(folder):
@@ -149,6 +176,16 @@ def test_a_manifest_survives_the_disk_and_keeps_earlier_launches(tmp_path):
     assert second["command"] == ["python", "b"]
     assert [launch["command"] for launch in second["earlier_launches"]] == [["python", "a"]]
     assert second["versions"]["mujoco"] and second["machine"]["cores"] >= 1
+
+
+def test_the_report_shows_the_commands_that_the_manifest_records(folder):
+    results.append(folder.results, [row(0, 0)])
+    recorded = manifest.new("pick_place", 400, {})
+    for seeds in ("--seeds=1", "--seeds=2"):
+        recorded = manifest.add_launch(recorded, ["launch/run.py", seeds], 2)
+    manifest.write(folder.manifest, recorded)
+    expected = "<pre>python launch/run.py --seeds=1\npython launch/run.py --seeds=2</pre>"
+    assert expected in write_report(folder.path).read_text()
 
 
 def test_another_configuration_is_refused_naming_what_differs(tmp_path):

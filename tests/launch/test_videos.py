@@ -58,6 +58,7 @@ def test_a_saved_policy_leaves_no_other_file(folder):
     }
 
 
+@pytest.mark.requires_gl
 def test_play_writes_an_mp4_that_players_open(run, tmp_path, capsys):
     output = tmp_path / "new folder" / "v.mp4"
     assert play.main([*run, "--episodes=1", f"--output={output}"]) == 0
@@ -73,6 +74,7 @@ def test_play_writes_an_mp4_that_players_open(run, tmp_path, capsys):
     assert np.abs(frames[0].astype(int) - frames[len(frames) // 2]).max() > 50
 
 
+@pytest.mark.requires_gl
 def test_play_writes_a_strip_of_frames(run, tmp_path):
     output = tmp_path / "strip.png"
     assert play.main([*run, "--seed=3", f"--output={output}"]) == 0
@@ -106,6 +108,7 @@ def test_no_backend_means_a_remedy_and_no_file(folder, tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.requires_gl
 def test_falling_back_is_announced(folder, tmp_path):
     output = tmp_path / "strip.png"
     (note,) = videos.render(folder.policy(2, 3), output, backends=("nonsense", "egl"))
@@ -113,6 +116,7 @@ def test_falling_back_is_announced(folder, tmp_path):
     assert output.exists()
 
 
+@pytest.mark.requires_gl
 def test_a_pickle_is_not_rendered(folder, tmp_path):
     stem = tmp_path / "fake"
     (tmp_path / "fake.json").write_text(folder.policy(2, 3).with_suffix(".json").read_text())
@@ -145,9 +149,13 @@ def test_a_stop_ends_the_renderer():
     assert time.monotonic() - start < 10
 
 
-def test_the_doctor_finds_what_training_needs(capsys):
+def test_the_doctor_finds_what_training_needs():
     assert doctor.check_packages().good and doctor.check_cores().good
     assert doctor.check_mp4().good
+
+
+@pytest.mark.requires_gl
+def test_the_doctor_finds_what_rendering_needs():
     found = doctor.check_rendering()
     assert found[0].text == "rendering with egl: works"
 
