@@ -4,6 +4,7 @@ import pathlib
 
 from dm_control import mjcf
 
+# Beside this package, in the repository and in an installation alike.
 MJCF_DIRECTORY = pathlib.Path(__file__).resolve().parent.parent / "assets" / "mjcf"
 
 _MISSING = "the MJCF file {path} is missing; reinstall the project or restore it with git"
