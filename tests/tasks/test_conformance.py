@@ -214,6 +214,7 @@ def test_markers_are_only_seen(name):
     assert not model.geom_conaffinity[on_markers].any()
 
 
+@pytest.mark.requires_gl
 @_EVERY_TASK
 def test_markers_show_and_hide_in_their_colours(name):
     env = tasks.load_vector(name, 2)
@@ -245,6 +246,7 @@ def _greenness(image, without):
     return (change[:, 1] - (change[:, 0] + change[:, 2]) / 2).mean()
 
 
+@pytest.mark.requires_gl
 @_EVERY_TASK
 def test_two_cameras_see_the_scene_and_rendering_disturbs_nothing(name):
     env, twin = tasks.load_vector(name, 2), tasks.load_vector(name, 2)
