@@ -14,7 +14,8 @@ import tasks
 from tasks import gym_face
 
 _IDS = {name: gym_face.environment_id(name) for name in tasks.ALL}
-_EXPECTED_IDS = {
+# Published names, which must stay; a new task brings one more.
+_PUBLISHED_IDS = {
     "HACSuite/PendulumClimb-v0",
     "HACSuite/PendulumBalance-v0",
     "HACSuite/UR5Reacher-v0",
@@ -25,9 +26,10 @@ _EXPECTED_IDS = {
 
 def test_every_task_is_registered():
     registered = {name for name in gymnasium.registry if name.startswith("HACSuite/")}
-    assert registered == set(_IDS.values()) == _EXPECTED_IDS
+    assert _PUBLISHED_IDS <= registered == set(_IDS.values())
 
 
+@pytest.mark.requires_gl
 @pytest.mark.parametrize("name", tasks.ALL)
 def test_passes_gymnasium_checker(name):
     env = gymnasium.make(_IDS[name], render_mode="rgb_array")
@@ -39,6 +41,7 @@ def test_passes_gymnasium_checker(name):
     env.close()
 
 
+@pytest.mark.requires_gl
 @pytest.mark.parametrize("name", tasks.ALL)
 def test_passes_stable_baselines3_checker(name):
     env = gymnasium.make(_IDS[name], render_mode="rgb_array")
