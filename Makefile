@@ -21,8 +21,9 @@ setup: $(STAMP)
 $(STAMP): pyproject.toml constraints.txt
 	@echo "==> setup: creating .venv and installing the pinned versions (a few minutes the first time)"
 	@$(PYTHON) -c 'import sys; sys.exit("Python 3.11 or newer is needed, $(PYTHON) is " + sys.version.split()[0] + "; choose another with PYTHON=python3.x" if sys.version_info < (3, 11) else 0)'
-	@test -x $(BIN)/python || $(PYTHON) -m venv .venv
-	$(BIN)/python -m pip install -qq --constraint constraints.txt --editable '.[dev,notebooks]'
+	@$(BIN)/python -m pip --version >/dev/null 2>&1 || $(PYTHON) -m venv --clear .venv
+	PIP_CONSTRAINT=constraints.txt PIP_BUILD_CONSTRAINT=constraints.txt \
+		$(BIN)/python -m pip install -qq --constraint constraints.txt --editable '.[dev,notebooks]'
 	@touch $(STAMP)
 
 run: $(STAMP)
