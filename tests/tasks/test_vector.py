@@ -159,6 +159,38 @@ def test_a_diverged_environment_is_marked_frozen_and_recovers(name):
     _assert_row_equals(step, 1, {n: getattr(twin.reset(_SEEDS), n)[1] for n in _MADE})
 
 
+# What a velocity is set to: from what a task shrugs off, or what breaks it steps later, to what
+# breaks it at once.
+_KICKS = (1e2, 1e3, 1e4, 1e5, 1e6, 1e7, 1e8, 1e9, 1e10, 1e11, 1e12, np.nan)
+
+
+@pytest.mark.parametrize("name", tasks.ALL)
+def test_diverges_on_the_step_on_which_composer_raises(name):
+    env = tasks.load_vector(name, len(_KICKS))
+    start = env.reset(np.full(env.num_envs, 3))
+    actions = _random_actions(env, np.random.RandomState(2))[:30]
+    shown = [start, env.step(actions[0])]
+    for data, kick in zip(env._data, _KICKS, strict=True):
+        data.qvel[-1] = kick
+    shown += [env.step(action) for action in actions[1:]]
+    assert shown[-1].diverged[-1] and not shown[-1].diverged[0]
+    environment = tasks.load(name)
+    for i, kick in enumerate(_KICKS):
+        environment.random_state.seed(3)
+        timestep = environment.reset()
+        for t, action in enumerate(actions[:, i]):
+            _assert_row_equals(shown[t], i, _composer_row(environment, timestep))
+            if t == 1:
+                environment.physics.data.qvel[-1] = kick
+            if shown[t + 1].diverged[i]:
+                with pytest.raises(control.PhysicsError):
+                    environment.step(action)
+                break
+            timestep = environment.step(action)
+            if timestep.last():
+                break
+
+
 @pytest.mark.parametrize("warning", list(mujoco.mjtWarning.__members__.values())[:-1])
 def test_every_warning_that_dm_control_raises_for_counts_as_divergence(warning, monkeypatch):
     env = tasks.load_vector(tasks.ALL[0], 2)
