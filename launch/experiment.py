@@ -8,7 +8,7 @@ from rich.console import Console
 
 import hac_suite
 import tasks
-from launch import manifest, planning, presentation, settings, training
+from launch import manifest, planning, presentation, results, settings, training
 from launch.command_line import Request
 from launch.execution import StopSignal, execute
 from launch.planning import Agent
@@ -33,24 +33,41 @@ def run(request: Request, command: Sequence[str], *, work=training.train_job) ->
     """
     console = Console()
     folders = {task: RunFolder(request.out, task) for task in request.tasks}
-    manifests = {task: _manifest(folder, request) for task, folder in folders.items()}
     with contextlib.ExitStack() as held, StopSignal() as stop:
-        for folder in folders.values():
-            held.enter_context(folder.lock())
+        _lock(list(folders.values()), request, held)
         workers = request.workers or manifest.cores()
-        for task in manifests:
-            manifests[task] = manifest.add_launch(manifests[task], command, workers)
+        manifests = {
+            task: manifest.add_launch(_manifest(folder, request), command, workers)
+            for task, folder in folders.items()
+        }
         recorder = Recorder(folders, manifests, console)
         _train(request, recorder, workers, work, console, stop)
         if stop.number is None:
             presentation.present(folders.values(), request, console, stop)
-        recorder.close()
+        recorder.close(stopped=stop.number is not None)
         return _conclude(request, folders, recorder, console, stop)
 
 
+def _lock(folders: Sequence[RunFolder], request: Request, held: contextlib.ExitStack) -> None:
+    """Locks all folders; what is refused is refused before any folder is made."""
+    there = [folder for folder in folders if folder.path.exists()]
+    for folder in there:
+        held.enter_context(folder.lock())
+    for folder in there:
+        _manifest(folder, request)
+        results.read(folder.results)
+    for folder in folders:
+        if folder not in there:
+            held.enter_context(folder.lock())
+
+
 def _manifest(folder: RunFolder, request: Request) -> manifest.Manifest:
-    """The folder's manifest, or a new one, with the horizons of the agents asked for."""
-    max_steps = tasks.load_vector(folder.task, 1).max_steps
+    """The folder's manifest, or a new one, with the horizons of the agents asked for.
+
+    Raises:
+      CommandError: the folder holds runs of another configuration.
+    """
+    max_steps = _max_steps(folder.task)
     wanted = manifest.new(folder.task, max_steps, settings.as_json(request.config))
     found = manifest.read(folder.manifest)
     if found is not None:
@@ -59,6 +76,13 @@ def _manifest(folder: RunFolder, request: Request) -> manifest.Manifest:
     for layers in request.subgoal_layers:
         merged["horizons"][str(layers)] = list(hac_suite.horizons(max_steps, layers))
     return merged
+
+
+@functools.cache
+def _max_steps(task: str) -> int:
+    env = tasks.load_vector(task, 1)
+    env.close()
+    return env.max_steps
 
 
 def _train(
@@ -85,13 +109,18 @@ def _train(
     plans = {task: _plan(task, request, recorder) for task in request.tasks}
     episodes = request.periods * request.config.episodes_per_period
     with Board(jobs, episodes, console) as board:
+
+        def poll() -> None:
+            board.tick()
+            recorder.tick()
+
         execute(
             jobs,
             functools.partial(work, plans=plans),
             workers=workers,
             log=lambda job: recorder.folders[job.agent.task].log(job),
             on_message=functools.partial(recorder.receive, board),
-            on_poll=board.tick,
+            on_poll=poll,
             stop=stop,
         )
 

@@ -30,7 +30,7 @@ def new(task: str, max_steps: int, config: Mapping[str, Any]) -> Manifest:
         "max_steps": max_steps,
         "horizons": {},  # attempts (T_0, ..., T_n) of each level, by number of subgoal layers
         "config": dict(config),
-        "jobs": [],  # what was trained: subgoal_layers, seeds, periods, seconds
+        "jobs": [],  # trainings that ended well: subgoal_layers, seeds, periods, seconds
         "earlier_launches": [],  # oldest first; the latest is at the top level
     }
 
@@ -40,7 +40,7 @@ def add_launch(manifest: Manifest, command: Sequence[str], workers: int) -> Mani
     launch = {
         "command": ["python", *command],
         "started": now(),
-        "finished": None,
+        "finished": None,  # stays None where a signal, a kill or a full disk ended the launch
         "workers": workers,
         "commit": _commit(),
         "versions": versions(),
@@ -111,7 +111,9 @@ def machine() -> dict[str, Any]:
 
 def cores() -> int:
     """Cores this process may use, which a container can make fewer than the machine's."""
-    return len(os.sched_getaffinity(0))
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1  # macOS cannot say more
 
 
 def _cpu_model() -> str:

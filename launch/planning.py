@@ -1,7 +1,13 @@
 """Which jobs there are, and in which order the workers take them."""
 
-from collections.abc import Mapping
+import heapq
+import itertools
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
+
+_OVERHEAD = 0.4  # what a population takes whatever its size, in seeds (measured on ur5_reacher)
+_MOST_JOBS_PER_WORKER = 3
+_NEARLY = 1.15  # a plan with fewer jobs may end this many times later than the earliest
 
 
 class Agent(NamedTuple):
@@ -28,28 +34,49 @@ class Job(NamedTuple):
         return f"{self.agent.task}_{self.agent.subgoal_layers}layers_seeds{first}-{last}"
 
     @property
-    def cost(self) -> int:
+    def cost(self) -> float:
         """Relative duration: every level of every seed has its own networks to update."""
-        return (self.agent.subgoal_layers + 1) * len(self.seeds)
+        return (self.agent.subgoal_layers + 1) * (len(self.seeds) + _OVERHEAD)
 
 
 def plan(missing: Mapping[Agent, tuple[int, ...]], workers: int) -> list[Job]:
     """Jobs for the missing seeds of each agent, longest first.
 
-    An agent's seeds stay together, since a population shares its matrix products; the longest job
-    is halved only while there are fewer jobs than workers. A seed's results do not depend on the
-    seeds it is trained with, so that any grouping gives the same experiment.
+    An agent's seeds stay together as far as that keeps all workers busy, since a population shares
+    its matrix products: of the plans made by cutting the agent of the longest job into one piece
+    more, again and again, the one of fewest jobs that ends nearly as early as any. A seed's results
+    do not depend on the seeds it is trained with, so that any grouping gives the same experiment.
     """
-    jobs = [Job(agent, tuple(seeds)) for agent, seeds in missing.items() if seeds]
-    while jobs and len(jobs) < workers:
-        longest = max((job for job in jobs if len(job.seeds) > 1), key=_cost, default=None)
+    pieces = {agent: 1 for agent, seeds in missing.items() if seeds}
+    plans = [_jobs(missing, pieces)]
+    while len(plans[-1]) < _MOST_JOBS_PER_WORKER * workers:
+        longest = max((job for job in plans[-1] if len(job.seeds) > 1), key=_cost, default=None)
         if longest is None:
             break
-        jobs.remove(longest)
-        half = (len(longest.seeds) + 1) // 2
-        jobs += [Job(longest.agent, longest.seeds[:half]), Job(longest.agent, longest.seeds[half:])]
+        pieces[longest.agent] += 1
+        plans.append(_jobs(missing, pieces))
+    busy = [jobs for jobs in plans if len(jobs) >= workers] or plans[-1:]
+    earliest = min(makespan(jobs, workers) for jobs in busy)
+    return next(jobs for jobs in busy if makespan(jobs, workers) <= _NEARLY * earliest)
+
+
+def _jobs(missing: Mapping[Agent, tuple[int, ...]], pieces: Mapping[Agent, int]) -> list[Job]:
+    """Each agent's seeds in so many pieces of about the same size; the longest job first."""
+    jobs = []
+    for agent, count in pieces.items():
+        seeds = tuple(missing[agent])
+        ends = [-(-len(seeds) * piece // count) for piece in range(count + 1)]
+        jobs += [Job(agent, seeds[start:end]) for start, end in itertools.pairwise(ends)]
     return sorted(jobs, key=_cost, reverse=True)
 
 
-def _cost(job: Job) -> int:
+def makespan(jobs: Sequence[Job], workers: int) -> float:
+    """When the last worker ends, in units of `Job.cost`: whoever is free takes the next job."""
+    ends = [0.0] * workers
+    for job in jobs:
+        heapq.heappush(ends, heapq.heappop(ends) + job.cost)
+    return max(ends)
+
+
+def _cost(job: Job) -> float:
     return job.cost

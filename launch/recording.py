@@ -35,7 +35,9 @@ class Recorder:
         self.manifests = dict(manifests)
         self.failures: dict[Job, str] = {}
         self._console = console
-        self._drawn = dict.fromkeys(folders, 0.0)
+        self._drawn = dict.fromkeys(folders, -_SECONDS_BETWEEN_FIGURES)  # long ago
+        self._outdated: set[str] = set()  # tasks whose figure lacks rows
+        self._periods: dict[Job, int] = {}  # the last that each job tested
 
     def prepare(self, task: str, retrained: Iterable[tuple[int, int]]) -> None:
         """Readies a folder to receive the runs (subgoal_layers, seed) that are about to start."""
@@ -65,11 +67,18 @@ class Recorder:
         else:
             raise TypeError(f"job {job.name} sent {message!r}")
 
-    def close(self) -> None:
-        """Draws the final figures and notes when the launch ended."""
+    def tick(self) -> None:
+        """To be called often: draws figures that lack rows, each every few seconds at most."""
+        for task in sorted(self._outdated):
+            if time.monotonic() - self._drawn[task] >= _SECONDS_BETWEEN_FIGURES:
+                self._draw(task)
+
+    def close(self, *, stopped: bool) -> None:
+        """Draws the final figures; notes when the launch finished, if it was not stopped."""
         for task, folder in self.folders.items():
-            self._draw(folder)
-            self.manifests[task]["finished"] = manifest.now()
+            self._draw(task)
+            if not stopped:
+                self.manifests[task]["finished"] = manifest.now()
             manifest.write(folder.manifest, self.manifests[task])
 
     def _tested(self, board: Board, job: Job, message: Tested) -> None:
@@ -77,23 +86,26 @@ class Recorder:
         results.append(folder.results, message.rows)
         success = sum(row["success_rate"] for row in message.rows) / len(message.rows)
         board.progressed(job, message.rows[0]["train_episodes"], success)
-        if time.monotonic() - self._drawn[folder.task] >= _SECONDS_BETWEEN_FIGURES:
-            self._draw(folder)
-            self._drawn[folder.task] = time.monotonic()
+        self._outdated.add(folder.task)
+        self._periods[job] = message.period
 
     def _finished(self, job: Job, message: Finished) -> None:
         task, subgoal_layers = job.agent
         record = {
             "subgoal_layers": subgoal_layers,
             "seeds": list(job.seeds),
+            "periods": self._periods[job],
             "seconds": round(message.seconds, 1),
         }
         self.manifests[task]["jobs"].append(record)
         manifest.write(self.folders[task].manifest, self.manifests[task])
 
-    def _draw(self, folder: RunFolder) -> None:
+    def _draw(self, task: str) -> None:
         """Refreshes the figure; a figure that cannot be drawn is no reason to stop training."""
+        folder = self.folders[task]
         try:
             write_figure(folder.path)
         except Exception as error:
             self._console.print(f"warning: {folder.figure} was not refreshed: {error}")
+        self._outdated.discard(task)
+        self._drawn[task] = time.monotonic()

@@ -1,6 +1,7 @@
 """A task's run folder: its layout, its lock, and which seeds are finished in it."""
 
 import fcntl
+import glob
 import json
 import os
 import shutil
@@ -14,6 +15,8 @@ from launch.errors import CommandError
 from launch.planning import Agent, Job
 
 POLICY_SUFFIXES = (".json", ".safetensors")
+
+_WRITTEN_ATOMICALLY = ("manifest.json", "results.csv", "figure.png", "figure.csv", "report.html")
 
 
 class RunFolder:
@@ -96,8 +99,11 @@ class RunFolder:
         }
 
     def has_policy(self, subgoal_layers: int, seed: int) -> bool:
+        return all(file.is_file() for file in self._policy_files(subgoal_layers, seed))
+
+    def _policy_files(self, subgoal_layers: int, seed: int) -> list[Path]:
         stem = self.policy(subgoal_layers, seed)
-        return all(stem.with_name(stem.name + suffix).is_file() for suffix in POLICY_SUFFIXES)
+        return [stem.with_name(stem.name + suffix) for suffix in POLICY_SUFFIXES]
 
     def prepare(self, retrained: Iterable[tuple[int, int]]) -> int:
         """Makes the subfolders and drops what stands in the way of training these seeds anew.
@@ -111,8 +117,24 @@ class RunFolder:
         for folder in (self.policies, self.videos):
             folder.mkdir(exist_ok=True)
         shutil.rmtree(self.failures, ignore_errors=True)
-        for leftover in [*self.path.glob(".*.log"), *self.path.glob("*/.*")]:
-            leftover.unlink(missing_ok=True)
+        retrained = list(retrained)
+        doomed = [file for run in retrained for file in self._policy_files(*run)]
+        for file in [*self._leftovers(), *doomed]:
+            if not file.is_dir():
+                file.unlink(missing_ok=True)
+        return self._drop_rows(retrained)
+
+    def _leftovers(self) -> Iterator[Path]:
+        """What a kill can leave half written; files of other names are not ours to remove."""
+        task = glob.escape(self.task)
+        yield from self.path.glob(f".{task}_*layers_seeds*-*.log")
+        for name in _WRITTEN_ATOMICALLY:
+            yield from self.path.glob(f".{name}.[0-9]*.tmp")
+        for suffix in POLICY_SUFFIXES:
+            yield from self.policies.glob(f".{task}_*layers_seed*{suffix}")
+        yield from self.videos.glob(f".{task}_*layers.[0-9]*.mp4")
+
+    def _drop_rows(self, retrained: Iterable[tuple[int, int]]) -> int:
         doomed = {(str(layers), str(seed)) for layers, seed in retrained}
         rows, dropped = results.read(self.results)
         kept = [row for row in rows if (row["subgoal_layers"], row["seed"]) not in doomed]

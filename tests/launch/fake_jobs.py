@@ -1,5 +1,6 @@
 """Work for worker processes that takes no time: stands in for training in the launcher's tests."""
 
+import json
 import math
 import os
 import signal
@@ -56,20 +57,23 @@ def row(job: Job, seed: int, period: int) -> dict:
 
 
 def train(job: Job, send, *, plans) -> None:
-    """Sends what training sends and leaves empty policies; fails where a file `fail` tells it to.
+    """Sends what training sends and leaves policies without weights; fails where it is told to.
 
-    The file, in --out, holds the number of subgoal layers of the agent that is to fail.
+    A file `fail` in --out holds the number of subgoal layers of the agent that is to fail; a file
+    `kill` the period after whose rows the worker is killed.
     """
     plan = plans[job.agent.task]
     folder = RunFolder(plan.out, job.agent.task)
-    fail = Path(plan.out) / "fail"
+    fail, kill = Path(plan.out) / "fail", Path(plan.out) / "kill"
     for period in range(plan.periods + 1):
         if period == plan.periods:
             if fail.exists() and fail.read_text() == str(job.agent.subgoal_layers):
                 raise RuntimeError("told to fail")
             for seed in job.seeds:
-                _leave_policy(folder, job, seed)
+                _leave_policy(folder, job, seed, period)
         send(Tested(period, [row(job, seed, period) for seed in job.seeds]))
+        if kill.exists() and kill.read_text() == str(period):
+            os.kill(os.getpid(), signal.SIGKILL)
         send(hac_suite.Progress(4 * period, 4 * plan.periods, 0.25))
 
 
@@ -78,8 +82,8 @@ def train_for_ever(job: Job, send, *, plans) -> None:
     time.sleep(600)
 
 
-def _leave_policy(folder: RunFolder, job: Job, seed: int) -> None:
+def _leave_policy(folder: RunFolder, job: Job, seed: int, period: int) -> None:
     stem = folder.policy(job.agent.subgoal_layers, seed)
-    text = f'{{"subgoal_layers": {job.agent.subgoal_layers}, "seed": {seed}, "success_rate": 0.5}}'
+    description = {**job.agent._asdict(), "seed": seed, "period": period, "success_rate": 0.5}
     for suffix in POLICY_SUFFIXES:
-        stem.with_name(stem.name + suffix).write_text(text)
+        stem.with_name(stem.name + suffix).write_text(json.dumps(description))

@@ -1,16 +1,22 @@
 """A launch from request to run folder, with work that takes no time in place of training."""
 
 import functools
+import io
 import json
 import os
 import signal
 import threading
+import types
 
 import pytest
+from rich.console import Console
 
 from analysis.load import load
-from launch import command_line, experiment
+from launch import command_line, experiment, manifest, training
 from launch.errors import CommandError
+from launch.planning import Agent, Job
+from launch.progress import Board
+from launch.recording import Recorder
 from launch.run_folder import RunFolder
 from tests.launch import fake_jobs
 
@@ -30,9 +36,9 @@ def trained(out) -> list[tuple[int, int]]:
 
 def jobs(out) -> list[tuple[int, int]]:
     """(subgoal_layers, seed) of every training that ended well, so far."""
-    manifest = json.loads((out / "pendulum_climb" / "manifest.json").read_text())
+    recorded = json.loads((out / "pendulum_climb" / "manifest.json").read_text())
     return sorted(
-        (job["subgoal_layers"], seed) for job in manifest["jobs"] for seed in job["seeds"]
+        (job["subgoal_layers"], seed) for job in recorded["jobs"] for seed in job["seeds"]
     )
 
 
@@ -44,10 +50,11 @@ def test_a_launch_leaves_a_whole_run_folder(tmp_path, capsys):
     assert trained(tmp_path) == [(0, 0), (0, 1), (1, 0), (1, 1)]
     for path in (folder.figure, folder.path / "figure.csv", folder.report):
         assert path.stat().st_size > 0
-    manifest = json.loads(folder.manifest.read_text())
-    assert manifest["horizons"]["1"] == [18, 18] and manifest["max_steps"] == 300
-    assert manifest["config"]["discount"] == 0.98
-    assert manifest["finished"] is not None
+    recorded = json.loads(folder.manifest.read_text())
+    assert recorded["horizons"]["1"] == [18, 18] and recorded["max_steps"] == 300
+    assert recorded["config"]["discount"] == 0.98
+    assert recorded["finished"] is not None
+    assert {job["periods"] for job in recorded["jobs"]} == {2}
     assert jobs(tmp_path) == trained(tmp_path)
     assert "python launch/run.py --task=pendulum_climb" in folder.report.read_text()
     printed = capsys.readouterr().out
@@ -75,6 +82,20 @@ def test_more_periods_train_again_and_say_so(tmp_path, capsys):
     assert launch(tmp_path, "--seeds=1", "--periods=2", "--subgoal_layers=1") == 0
     assert "trained for fewer than 2 periods" in capsys.readouterr().out
     assert load(tmp_path / "pendulum_climb")["period"].tolist() == [0, 1, 2]
+
+
+def test_a_policy_of_fewer_periods_is_never_taken_for_one_of_more(tmp_path):
+    words = ("--seeds=1", "--subgoal_layers=1")
+    assert launch(tmp_path, *words, "--periods=2") == 0
+    (tmp_path / "kill").write_text("3")  # after the rows of period 3 of 4
+    assert launch(tmp_path, *words, "--periods=4") == 1
+    (tmp_path / "kill").unlink()
+    assert load(tmp_path / "pendulum_climb")["period"].tolist() == [0, 1, 2, 3]
+    assert launch(tmp_path, *words, "--periods=3") == 0
+    assert len(jobs(tmp_path)) == 2  # trained anew, not found finished
+    folder = RunFolder(tmp_path, "pendulum_climb")
+    policy = json.loads(folder.policy(1, 0).with_suffix(".json").read_text())
+    assert policy["period"] == 3
 
 
 def test_one_failing_agent_leaves_the_others_and_is_tried_again_alone(tmp_path, capsys):
@@ -106,10 +127,49 @@ def test_a_line_cut_by_a_kill_is_dropped_and_its_seed_trained_again(tmp_path, ca
 
 def test_another_configuration_is_refused_and_changes_nothing(tmp_path):
     assert launch(tmp_path, "--seeds=1", "--periods=1") == 0
-    before = {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
+    before = {path: path.read_bytes() for path in tmp_path.rglob("*.*") if path.is_file()}
     with pytest.raises(CommandError, match="batch_size is 256 there and 32 here"):
         launch(tmp_path, "--seeds=2", "--periods=1", "--config.batch_size=32")
-    assert {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()} == before
+    lock = tmp_path / "pendulum_climb" / ".lock"  # names who held it last
+    after = {path: path.read_bytes() for path in tmp_path.rglob("*.*") if path.is_file()}
+    assert after == {**before, lock: after[lock]}
+
+
+def test_with_many_tasks_one_refused_folder_means_that_none_is_made(tmp_path):
+    other = RunFolder(tmp_path, "ur5_reacher")
+    with other.lock(), pytest.raises(CommandError, match="ur5_reacher is in use by"):
+        launch(tmp_path, "--task=all", "--seeds=1", "--periods=1")
+    assert [path.name for path in tmp_path.iterdir()] == ["ur5_reacher"]
+    for file, text in ((other.manifest, "{"), (other.results, "a,b\n")):
+        file.write_text(text)
+        with pytest.raises(CommandError, match=file.name):
+            launch(tmp_path, "--task=all", "--seeds=1", "--periods=1")
+        assert [path.name for path in tmp_path.iterdir()] == ["ur5_reacher"]
+        file.unlink()
+
+
+def test_a_skipped_refresh_of_the_figure_is_made_up_for(tmp_path, monkeypatch):
+    drawn = []
+    monkeypatch.setattr("launch.recording.write_figure", lambda path: drawn.append(path))
+    clock = [1000.0]
+    monkeypatch.setattr("launch.recording.time", types.SimpleNamespace(monotonic=lambda: clock[0]))
+    folder = RunFolder(tmp_path, "pendulum_climb")
+    job = Job(Agent("pendulum_climb", 0), (0,))
+    with folder.lock():
+        recorder = Recorder(
+            {folder.task: folder}, {folder.task: manifest.new("", 0, {})}, Console()
+        )
+        recorder.prepare(folder.task, [])
+        with Board([job], 8, Console(file=io.StringIO())) as board:
+            for period in range(3):
+                rows = [fake_jobs.row(job, 0, period)]
+                recorder.receive(board, job, training.Tested(period, rows))
+                recorder.tick()
+    assert len(drawn) == 1  # a burst
+    clock[0] += 100
+    recorder.tick()
+    recorder.tick()
+    assert len(drawn) == 2
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
@@ -118,6 +178,8 @@ def test_a_stopped_launch_goes_on_with_the_same_command(tmp_path, capsys, number
     words = ("--seeds=1", "--periods=1", "--subgoal_layers=0")
     assert launch(tmp_path, *words, work=fake_jobs.train_for_ever) == 128 + number
     assert "the same command goes on" in capsys.readouterr().out
+    manifest_file = tmp_path / "pendulum_climb" / "manifest.json"
+    assert json.loads(manifest_file.read_text())["finished"] is None
     assert launch(tmp_path, *words) == 0
     assert load(tmp_path / "pendulum_climb")["period"].tolist() == [0, 1]
 

@@ -1,32 +1,37 @@
 """Jobs: every missing seed once, populations kept together, work spread evenly over workers."""
 
-import heapq
-
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from launch.planning import Agent, Job, plan
-
-
-def makespan(jobs: list[Job], workers: int) -> int:
-    """When the last worker ends, if each free worker takes the next job."""
-    ends = [0] * workers
-    for job in jobs:
-        heapq.heappush(ends, heapq.heappop(ends) + job.cost)
-    return max(ends)
+from launch.planning import Agent, makespan, plan
 
 
 def test_the_main_job_fills_two_workers_evenly():
     seeds = tuple(range(10))
     jobs = plan({Agent("pick_place", layers): seeds for layers in (0, 1, 2)}, workers=2)
     assert [job.agent.subgoal_layers for job in jobs] == [2, 1, 0]
-    assert makespan(jobs, 2) == 30
+    assert makespan(jobs, 2) == pytest.approx(jobs[0].cost)
 
 
 def test_a_lone_agent_is_split_over_the_workers():
     jobs = plan({Agent("ur5_reacher", 1): (0, 1, 2)}, workers=2)
     assert [job.seeds for job in jobs] == [(0, 1), (2,)]
+
+
+def test_workers_share_what_they_cannot_share_evenly_in_whole_populations():
+    seeds = tuple(range(10))
+    alike = {Agent(task, 1): seeds for task in ("pick_place", "ur5_reacher", "pendulum_climb")}
+    even = sum(2 * len(seeds) for seeds in alike.values())
+    for workers in (2, 4, 8):
+        assert makespan(plan(alike, workers), workers) <= 1.4 * even / workers
+    assert [len(job.seeds) for job in plan({Agent("ur5_reacher", 0): seeds}, 3)] == [4, 3, 3]
+
+
+def test_no_more_jobs_than_a_shorter_launch_needs():
+    seeds = tuple(range(10))
+    alike = {Agent(task, 1): seeds for task in ("pick_place", "ur5_reacher")}
+    assert len(plan(alike, workers=2)) == 2
 
 
 def test_one_worker_keeps_populations_whole():

@@ -3,15 +3,17 @@
 import csv
 import math
 import multiprocessing
+import os
 
 import numpy as np
 import pytest
 
 import hac_suite
 from analysis import schema
+from analysis.figure import write_figure
 from analysis.report import write_report
 from analysis.schema import RESULTS_COLUMNS
-from launch import manifest, results
+from launch import manifest, results, training
 from launch.errors import CommandError
 from launch.planning import Agent, Job
 from launch.run_folder import RunFolder
@@ -101,18 +103,68 @@ def test_a_line_cut_short_is_dropped(folder, cut):
     assert folder.results.read_bytes() == whole[: whole.rstrip().rfind(b"\n") + 1]
 
 
-def test_preparing_drops_the_rows_of_seeds_trained_anew_and_no_others(folder):
+def test_preparing_drops_the_runs_of_seeds_trained_anew_and_no_others(folder):
     results.append(folder.results, [row(0, 0), row(1, 0), row(1, 0, layers=2)])
+    for layers, seed in ((1, 0), (1, 1), (2, 1)):
+        add_policy(folder, layers, seed)
     folder.failures.mkdir()
     (folder.failures / "old.txt").touch()
-    (folder.path / ".job.log").touch()
-    (folder.policies / ".half.safetensors").touch()
     with folder.lock():
         assert folder.prepare([(1, 1)]) == 0
     kept = [(r["subgoal_layers"], r["seed"]) for r in results.read(folder.results)[0]]
     assert kept == [("1", "0"), ("2", "1")]
+    assert [folder.has_policy(*run) for run in ((1, 0), (1, 1), (2, 1))] == [True, False, True]
+    assert len(list(folder.policies.iterdir())) == 4
     assert not folder.failures.exists()
-    assert sorted(path.name for path in folder.path.rglob(".*")) == [".lock"]
+
+
+def test_preparing_removes_what_a_kill_left_half_written_and_nothing_else(folder):
+    job = Job(AGENT, (0, 3))
+    theirs = [".gitignore", "policies/.keep", "videos/.DS_Store", "notes/.draft.log", ".figure.tmp"]
+    for name in theirs:
+        (folder.path / name).parent.mkdir(exist_ok=True)
+        (folder.path / name).touch()
+    for name in (".figure.png.12.tmp", "policies/.pick_place_1layers_seed0.json"):
+        (folder.path / name).mkdir()
+    folder.log(job).touch()
+    for name in (
+        ".figure.png.123.tmp", ".results.csv.9.tmp", ".report.html.77.tmp",
+        "policies/.pick_place_1layers_seed3.safetensors", "videos/.pick_place_1layers.55.mp4",
+    ):  # fmt: skip
+        (folder.path / name).touch()
+    with folder.lock():
+        folder.prepare([(1, 0)])
+    files = {str(p.relative_to(folder.path)) for p in folder.path.rglob(".*") if p.is_file()}
+    assert files == {".lock", *theirs}
+
+
+def test_half_written_files_have_the_names_that_preparing_removes(folder, monkeypatch):
+    def killed(*_):
+        raise KeyboardInterrupt
+
+    results.append(folder.results, [row(0, 0)])
+    monkeypatch.setattr("os.replace", killed)
+    monkeypatch.setattr("pathlib.Path.unlink", lambda *_, **__: None)
+    for write in (
+        lambda: manifest.write(folder.manifest, {}),
+        lambda: results.rewrite(folder.results, [row(0, 0)]),
+        lambda: write_report(folder.path),
+        lambda: write_figure(folder.path),
+        lambda: training.save_policy(FakePolicy(), folder.policy(1, 0), {}),
+    ):
+        with pytest.raises(KeyboardInterrupt):
+            write()
+    monkeypatch.undo()
+    assert len([p for p in folder.path.rglob(".*") if p.name != ".lock"]) == 6
+    with folder.lock():
+        folder.prepare([])
+    assert [p.name for p in folder.path.rglob(".*")] == [".lock"]
+
+
+class FakePolicy:
+    def save(self, path, metadata) -> None:
+        for suffix in (".json", ".safetensors"):
+            path.with_name(path.name + suffix).touch()
 
 
 def test_a_file_of_other_columns_is_refused_and_kept(folder):
@@ -176,6 +228,11 @@ def test_a_manifest_survives_the_disk_and_keeps_earlier_launches(tmp_path):
     assert second["command"] == ["python", "b"]
     assert [launch["command"] for launch in second["earlier_launches"]] == [["python", "a"]]
     assert second["versions"]["mujoco"] and second["machine"]["cores"] >= 1
+
+
+def test_cores_are_counted_where_the_system_does_not_tell_which(monkeypatch):
+    monkeypatch.delattr("os.sched_getaffinity")
+    assert manifest.cores() == os.cpu_count()
 
 
 def test_the_report_shows_the_commands_that_the_manifest_records(folder):
