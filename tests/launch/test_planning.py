@@ -23,8 +23,8 @@ def test_workers_share_what_they_cannot_share_evenly_in_whole_populations():
     seeds = tuple(range(10))
     alike = {Agent(task, 1): seeds for task in ("pick_place", "ur5_reacher", "pendulum_climb")}
     even = sum(2 * len(seeds) for seeds in alike.values())
-    for workers in (2, 4, 8):
-        assert makespan(plan(alike, workers), workers) <= 1.4 * even / workers
+    for workers, most in ((2, 1.1), (4, 1.35), (8, 1.5)):  # whole: 1.4, 2.8 and 2.8 times even
+        assert makespan(plan(alike, workers), workers) <= most * even / workers
     assert [len(job.seeds) for job in plan({Agent("ur5_reacher", 0): seeds}, 3)] == [4, 3, 3]
 
 
