@@ -29,7 +29,8 @@ Keys for --config.KEY=VALUE, as hac_suite/config.py explains them:
 {keys}
 
 The same command again finishes what is missing and repeats nothing.
-Exit status: 0 all done; 1 some runs failed, the others are kept; 2 the command was wrong."""
+Exit status: 0 all done; 1 some runs failed, the others are kept; 2 the command was wrong;
+128+n signal n stopped it (130 after Ctrl-C), what is finished is kept."""
 
 
 class Request(NamedTuple):
@@ -101,12 +102,23 @@ def _flags() -> flags.FlagValues:
     flag_parsing.define_count(
         values, "workers", 0, "processes that train at a time; 0: one for each core", least=0
     )
-    flags.DEFINE_enum("executor", "local", ["local"], "where the processes run", values)
+    flags.DEFINE_enum(
+        "executor",
+        "local",
+        ["local", "ray"],
+        "local: on this machine; ray is not built yet",
+        values,
+    )
     flags.DEFINE_boolean("video", True, "render a video of each agent", values)
     return values
 
 
 def _request(values: flags.FlagValues, settings_given: ConfigDict) -> Request:
+    if values.executor != "local":
+        raise errors.CommandError(
+            f"flag --executor={values.executor}: the Ray executor is not built yet; "
+            "--executor=local trains on this machine"
+        )
     return Request(
         tasks=task_names(values.task),
         subgoal_layers=_subgoal_layers(values.subgoal_layers),
@@ -133,13 +145,18 @@ def _subgoal_layers(words: Sequence[str]) -> tuple[int, ...]:
 
 def _check_config_words(argv: Sequence[str]) -> None:
     """Answers a misspelt key or file by name, which config_flags does not."""
-    for word in argv:
+    for word, following in zip(argv, [*argv[1:], None], strict=True):
         key = re.match(r"--?(?:no)?config\.([^=]*)", word)
         if key and key[1] not in settings.field_names():
             raise errors.CommandError(errors.unknown("config key", key[1], settings.field_names()))
-        file = re.match(r"--?config=(.*)", word)
-        if file and not Path(file[1]).is_file():
-            own = ", ".join(
-                sorted(f"launch/configs/{path.name}" for path in CONFIGS.glob("[!_]*.py"))
-            )
-            raise errors.CommandError(f"there is no config file {file[1]!r}; there are {own}")
+        file = re.fullmatch(r"--?config(?:=(.*))?", word, re.DOTALL)
+        if file:
+            _check_config_file(following if file[1] is None else file[1])
+
+
+def _check_config_file(name: str | None) -> None:
+    if name is None:
+        raise errors.CommandError("flag --config: it takes a file, as in --config=my_config.py")
+    if not Path(name).is_file():
+        own = ", ".join(sorted(f"launch/configs/{path.name}" for path in CONFIGS.glob("[!_]*.py")))
+        raise errors.CommandError(f"there is no config file {name!r}; there are {own}")

@@ -67,9 +67,13 @@ def test_overrides_change_one_field_each():
         ("--subgoal_layers=", "--subgoal_layers=: it takes some of 0,1,2"),
         ("--periods=0", "--periods=0"),
         ("--workers=-1", "--workers=-1"),
-        ("--executor=ray", "--executor=ray: value should be one of <local>"),
+        ("--executor=ray", "--executor=ray: the Ray executor is not built yet"),
+        ("--executor=rai", "--executor=rai: value should be one of <local|ray>"),
         ("pick_place", "unexpected word 'pick_place'"),
         ("--config=nope.py", "no config file 'nope.py'; there are launch/configs/paper.py"),
+        ("--config nope.py", "no config file 'nope.py'; there are launch/configs/paper.py"),
+        ("--config", "--config: it takes a file"),
+        ("--config=", "no config file ''"),
         ("--config.batch_sze=3", "unknown config key 'batch_sze': did you mean 'batch_size'?"),
         ("--config.batch_size=big", "--config.batch_size=big"),
         ("--config.batch_size=1.5", "--config.batch_size=1.5"),
@@ -80,7 +84,7 @@ def test_overrides_change_one_field_each():
 )
 def test_bad_input_is_answered_in_one_line(word, answer):
     with pytest.raises(CommandError) as caught:
-        parse(word)
+        parse(*word.split(" ", 1) if word.startswith("--config ") else [word])
     assert answer in str(caught.value)
     assert "\n" not in str(caught.value)
 
@@ -112,9 +116,20 @@ def test_a_broken_config_file_is_answered_in_one_line(tmp_path, monkeypatch, cod
     assert "\n" not in str(caught.value)
 
 
+def test_a_config_file_after_a_space_is_read():
+    path = str(command_line.CONFIGS / "release_2020.py")
+    assert parse("--config", path).config == hac_suite.PRESETS["release_2020"]
+
+
 def test_help_names_every_flag_and_config_key():
     with pytest.raises(flag_parsing.HelpRequested):
         parse("--help")
     text = command_line.help_text()
-    for word in ("--task=pick_place", "--seeds=10", "--subgoal_layers=0,1,2", "subgoal_test_rate"):
+    for word in (
+        "--task=pick_place",
+        "--seeds=10",
+        "--subgoal_layers=0,1,2",
+        "subgoal_test_rate",
+        "128+n",
+    ):
         assert word in text
