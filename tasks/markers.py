@@ -70,6 +70,13 @@ class Marker(composer.Entity):
         physics.data.mocap_pos[self._mocap_id] = position
         physics.data.mocap_quat[self._mocap_id] = quaternion
 
+    def show_in_plane(self, physics, point: np.ndarray | None) -> None:
+        """Moves the marker to a point [2 or more] that begins with x and z; hides it for None."""
+        if point is None:
+            self.hide(physics)
+        else:
+            self.show(physics, (point[0], 0.0, point[1]))
+
     def hide(self, physics) -> None:
         """Puts the marker out of sight."""
         self.show(physics, np.asarray(HIDDEN_POSITION))

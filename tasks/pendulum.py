@@ -1,4 +1,11 @@
-"""The pendulum tasks: swing up and touch the peak, or swing up and come to rest there."""
+"""The pendulum tasks: swing up and touch the peak, or swing up and come to rest there.
+
+The motor is too weak to lift the bob directly: it must swing to and fro first. The goal is the
+same in every episode.
+
+Test starts: hanging, the angle uniform within 0.3 rad. Training starts: the angle uniform over
+everything but the 45 degrees either side of upright. All start at rest.
+"""
 
 import dataclasses
 
@@ -17,7 +24,7 @@ _PIVOT_HEIGHT = 0.8  # metres, as in pendulum.xml
 _LENGTH = 0.5  # metres from the pivot to the tip, as in pendulum.xml
 _PEAK = (0.0, _PIVOT_HEIGHT + _LENGTH)  # tip x, z in metres
 
-# Radians from hanging. Training episodes start anywhere but within 45 degrees of upright.
+# Radians from hanging.
 _TRAINING_START = (-0.75 * np.pi, 0.75 * np.pi)
 _TEST_START = (-0.3, 0.3)
 
@@ -113,17 +120,10 @@ class Pendulum(base.GoalTask):
         return self._end_goal
 
     def place_goal_marker(self, physics, goal):
-        self._goal_marker.show(physics, _tip_position(goal))
+        self._goal_marker.show_in_plane(physics, goal)
 
     def place_subgoal_marker(self, physics, level, subgoal):
-        if subgoal is None:
-            self._subgoal_markers[level].hide(physics)
-        else:
-            self._subgoal_markers[level].show(physics, _tip_position(subgoal))
-
-
-def _tip_position(goal: np.ndarray) -> tuple[float, float, float]:
-    return (goal[0], 0.0, goal[1])
+        self._subgoal_markers[level].show_in_plane(physics, subgoal)
 
 
 def _build_arena(physics_timestep: float) -> composer.Arena:

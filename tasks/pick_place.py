@@ -196,14 +196,11 @@ class PickPlace(base.GoalTask):
         )
 
     def place_goal_marker(self, physics, goal):
-        self._goal_marker.show(physics, (goal[0], 0.0, goal[1]))
+        self._goal_marker.show_in_plane(physics, goal)
 
     def place_subgoal_marker(self, physics, level, subgoal):
         for i, marker in enumerate(self._subgoal_markers[level]):
-            if subgoal is None:
-                marker.hide(physics)
-            else:
-                marker.show(physics, (subgoal[2 * i], 0.0, subgoal[2 * i + 1]))
+            marker.show_in_plane(physics, None if subgoal is None else subgoal[2 * i : 2 * i + 2])
 
 
 def _rod_marker(name: str, rgba) -> markers.Marker:
