@@ -14,7 +14,6 @@ if __name__ == "__main__":
 import tasks
 from launch import flag_parsing, policies, videos
 from launch.errors import CommandError, unknown
-from launch.run_folder import RunFolder
 
 _HELP = """Renders test episodes of a trained policy into a file; opens no window.
 
@@ -31,8 +30,8 @@ def main(argv: Sequence[str]) -> int:
     values = _flags()
     try:
         flag_parsing.parse(values, argv)
-        policy, output = _choose(values)
-        for note in videos.render(policy, output, episodes=values.episodes):
+        shown, output = _choose(values)
+        for note in videos.render(shown, output, episodes=values.episodes):
             print(note)
     except flag_parsing.HelpRequested:
         print(_HELP.format(flags=flag_parsing.describe(values)))
@@ -52,24 +51,30 @@ def _flags() -> flags.FlagValues:
     flags.DEFINE_string("task", "pick_place", "which task", values)
     flag_parsing.define_count(values, "subgoal_layers", 2, "which agent", least=0)
     flags.DEFINE_string("run", None, "run folder; if not given, runs/TASK", values)
-    flag_parsing.define_count(values, "seed", None, "if not given, the median seed", least=0)
+    flag_parsing.define_count(
+        values,
+        "seed",
+        None,
+        "if not given, the median seed, or the best if it never succeeds",
+        least=0,
+    )
     flags.DEFINE_string("output", "video.mp4", ".mp4: a video; .png: a strip of frames", values)
     flag_parsing.define_count(values, "episodes", 2, "how many a video shows", least=1)
     return values
 
 
-def _choose(values: flags.FlagValues) -> tuple[Path, Path]:
-    """The policy that the flags name, and where its picture goes."""
+def _choose(values: flags.FlagValues) -> tuple[list[Path], Path]:
+    """The policies that the flags name, in the order to show them; where their picture goes."""
     output = Path(values.output)
     if output.suffix not in (".mp4", ".png"):
         raise CommandError(f"flag --output={output}: its name ends in .mp4 or .png")
     if values.task not in tasks.ALL:
         raise CommandError(unknown("task", values.task, tasks.ALL))
-    if values.run is None:
-        folder = RunFolder(Path("runs"), values.task)
-    else:
-        folder = RunFolder(Path(values.run).resolve().parent, Path(values.run).resolve().name)
-    return policies.choose(folder, values.subgoal_layers, values.seed).path, output
+    run = Path("runs", values.task) if values.run is None else Path(values.run)
+    chosen = policies.choose(run, values.subgoal_layers, values.seed)
+    if (values.run is None or values["task"].present) and chosen[0].task != values.task:
+        raise CommandError(f"flag --task={values.task}: {run} holds policies of {chosen[0].task}")
+    return [policy.path for policy in chosen], output
 
 
 if __name__ == "__main__":

@@ -1,63 +1,90 @@
 """The policies of a run folder, and which of them to show."""
 
 import json
+import math
 from collections.abc import Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from launch.errors import CommandError
-from launch.run_folder import RunFolder
 
 
 class Found(NamedTuple):
     """A policy's file, and what it says of itself."""
 
     path: Path  # without suffix
+    task: str
     subgoal_layers: int
     seed: int
     success_rate: float  # in the last test period
 
 
-def find(folder: RunFolder) -> list[Found]:
-    """All whole policies of a run folder, by agent and seed."""
-    found = []
-    for file in folder.policies.glob("[!.]*.json"):
-        description = json.loads(file.read_text(encoding="utf-8"))
-        layers, seed = description["subgoal_layers"], description["seed"]
-        if folder.has_policy(layers, seed):
-            path = folder.policy(layers, seed)
-            found.append(Found(path, layers, seed, description["success_rate"]))
-    return sorted(found, key=lambda policy: (policy.subgoal_layers, policy.seed))
-
-
-def typical(found: Sequence[Found], subgoal_layers: int) -> Found | None:
-    """The agent's policy of median test success: neither its best nor its worst seed."""
-    own = [policy for policy in found if policy.subgoal_layers == subgoal_layers]
-    own.sort(key=lambda policy: policy.success_rate)
-    return own[len(own) // 2] if own else None
-
-
-def choose(folder: RunFolder, subgoal_layers: int, seed: int | None) -> Found:
-    """The policy of an agent and seed; without a seed, the typical one.
+def find(directory: Path) -> list[Found]:
+    """All whole policies of a `policies` folder, by agent and seed.
 
     Raises:
-      CommandError: it is not there; the message says what is.
+      CommandError: a description is damaged; the message names it.
     """
-    found = find(folder)
+    found = [
+        _read(file)
+        for file in directory.glob("[!.]*.json")
+        if file.with_suffix(".safetensors").is_file()
+    ]
+    return sorted(found, key=lambda policy: (policy.subgoal_layers, policy.seed, policy.path))
+
+
+def _read(file: Path) -> Found:
+    try:
+        description = json.loads(file.read_text(encoding="utf-8"))
+        return Found(
+            file.with_suffix(""),
+            task=_entry(description, "task", str),
+            subgoal_layers=_entry(description, "subgoal_layers", int),
+            seed=_entry(description, "seed", int),
+            success_rate=float(_entry(description, "success_rate", int | float)),
+        )
+    except (OSError, ValueError) as error:
+        raise CommandError(f"{file} does not describe a policy: {error}") from error
+
+
+def _entry(description: Any, name: str, wanted: Any) -> Any:
+    value = description.get(name) if isinstance(description, dict) else None
+    if not isinstance(value, wanted) or (isinstance(value, float) and math.isnan(value)):
+        raise ValueError(f"its {name} is {value!r}")
+    return value
+
+
+def typical(own: Sequence[Found]) -> list[Found]:
+    """An agent's policies in the order to show them.
+
+    First the one of median test success, neither the agent's best nor its worst seed; then those
+    that ever succeeded, the best first, in case the first one never does.
+    """
+    ranked = sorted(own, key=lambda policy: policy.success_rate)
+    median = ranked.pop(len(ranked) // 2)
+    return [median, *(policy for policy in reversed(ranked) if policy.success_rate > 0)]
+
+
+def choose(run: Path, subgoal_layers: int, seed: int | None) -> list[Found]:
+    """The policies of an agent in a run folder, in the order to show them; of one seed if given.
+
+    Raises:
+      CommandError: there is none, the message says what is; or a description is damaged.
+    """
+    found = find(run / "policies")
     if not found:
         raise CommandError(
-            f"{folder.path} holds no policies; train some with "
-            f"`python launch/run.py --task={folder.task}`"
+            f"{run} holds no policies; train some with `python launch/run.py --task=TASK`"
         )
-    if seed is None:
-        policy = typical(found, subgoal_layers)
-    else:
-        same = [p for p in found if (p.subgoal_layers, p.seed) == (subgoal_layers, seed)]
-        policy = same[0] if same else None
-    if policy is None:
+    own = [
+        policy
+        for policy in found
+        if policy.subgoal_layers == subgoal_layers and seed in (None, policy.seed)
+    ]
+    if not own:
         wanted = f"{subgoal_layers} subgoal layers" + ("" if seed is None else f", seed {seed}")
-        raise CommandError(f"{folder.path} has no policy of {wanted}; it has {_listed(found)}")
-    return policy
+        raise CommandError(f"{run} has no policy of {wanted}; it has {_listed(found)}")
+    return typical(own)
 
 
 def _listed(found: Sequence[Found]) -> str:

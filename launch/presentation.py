@@ -1,6 +1,6 @@
 """What a launch leaves to look at once training is over: videos, the report, a summary."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from rich.console import Console
@@ -11,6 +11,7 @@ from analysis.report import write_report
 from analysis.statistics import final_success
 from launch import policies, results, videos
 from launch.command_line import Request
+from launch.errors import CommandError
 from launch.execution import StopSignal
 from launch.planning import Agent
 from launch.run_folder import RunFolder
@@ -34,6 +35,16 @@ def summarise(folder: RunFolder, console: Console) -> None:
     """Prints each agent's success at its last test period, and the path to open."""
     if not results.read(folder.results)[0]:
         return
+    try:
+        console.print(_final_table(folder))
+    except ValueError as error:  # such as a success rate that somebody edited
+        console.print(f"warning: {error}", soft_wrap=True)
+    for path in (folder.figure, folder.report, *sorted(folder.videos.glob("*.mp4"))):
+        if path.exists():
+            console.print(str(path), soft_wrap=True)
+
+
+def _final_table(folder: RunFolder) -> Table:
     table = Table(box=None, pad_edge=False, header_style="bold", title_justify="left")
     for heading in ("agent", "seeds", "test period", "success", "95% interval"):
         table.add_column(heading, justify="left" if heading == "agent" else "right")
@@ -41,30 +52,29 @@ def summarise(folder: RunFolder, console: Console) -> None:
         interval = f"{row.low:.0%} to {row.high:.0%}" if row.low == row.low else "-"
         agent = str(Agent(folder.task, row.subgoal_layers))
         table.add_row(agent, str(row.n), str(row.period), f"{row.mean:.0%}", interval)
-    console.print(table)
-    for path in (folder.figure, folder.report, *sorted(folder.videos.glob("*.mp4"))):
-        if path.exists():
-            console.print(str(path), soft_wrap=True)
+    return table
 
 
 def _video(folder: RunFolder, layers: int, console: Console, stop: StopSignal) -> None:
-    policy = policies.typical(policies.find(folder), layers)
+    """Renders the agent's video unless it is current; what prevents it is said, not raised."""
     target = folder.video(layers)
-    if policy is None or _is_current(target, folder, layers):
-        return
-    console.print(f"rendering {target}", soft_wrap=True)
     try:
-        for note in videos.render(policy.path, target, stop=stop):
+        found = policies.find(folder.policies)
+        own = [policy for policy in found if policy.subgoal_layers == layers]
+        if not own or _is_current(target, own):
+            return
+        console.print(f"rendering {target}", soft_wrap=True)
+        shown = [policy.path for policy in policies.typical(own)]
+        for note in videos.render(shown, target, stop=stop):
             console.print(note, soft_wrap=True)
-    except videos.RenderingError as error:
+    except (CommandError, videos.RenderingError) as error:
         agent = Agent(folder.task, layers)
         console.print(f"warning: no video of {agent}: {error}", soft_wrap=True)
 
 
-def _is_current(video: Path, folder: RunFolder, layers: int) -> bool:
+def _is_current(video: Path, own: Sequence[policies.Found]) -> bool:
     """Whether the agent's video is there, and none of its policies is newer."""
     if not video.exists():
         return False
-    own = [policy.path for policy in policies.find(folder) if policy.subgoal_layers == layers]
-    files = [path.with_name(f"{path.name}.safetensors") for path in own]
+    files = [policy.path.with_name(f"{policy.path.name}.safetensors") for policy in own]
     return video.stat().st_mtime > max(file.stat().st_mtime for file in files)

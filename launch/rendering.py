@@ -1,13 +1,15 @@
 """Renders test episodes in this process, whose MUJOCO_GL is set: run by `launch.videos`.
 
-MUJOCO_GL=egl python -m launch.rendering '{"policy": ..., "output": ..., "episodes": 2}'
+MUJOCO_GL=egl python -m launch.rendering '{"policies": [...], "output": ..., "episodes": 2}'
 """
 
 import json
+import math
 import os
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 import imageio.v3 as iio
 import numpy as np
@@ -15,55 +17,105 @@ from PIL import Image, ImageDraw, ImageFont
 
 import hac_suite
 import tasks
-from launch import settings
+from hac_suite import exploration
+from launch import errors, settings, videos
 
 FRAMES_PER_SECOND = 30
-_STEPS_PER_FRAME = 2  # with control steps of 0.0125 to 0.03 s: real time, or up to twice as slow
 SIZE = (640, 480)  # width, height of the picture below the title
 _TITLE_HEIGHT = 56
 _HOLD_FRAMES = 45
-_CANDIDATES = 16  # episodes to find successes among
 _STRIP_FRAMES = 6
 _STRIP_SCALE = 2  # frames of a strip are this many times smaller
 
 Show = Callable[[np.ndarray], None]  # takes a frame: uint8 [height, width, 3]
 
 
+class Choice(NamedTuple):
+    """What is shown: a policy, and the seeds of its episodes."""
+
+    policy: hac_suite.Policy
+    episodes: list[int]
+
+
 def main(argument: str) -> None:
-    """Writes what the JSON object `argument` asks for; without a policy, only tries to render."""
+    """Writes what the JSON object `argument` asks for; without policies, only tries to render.
+
+    Raises:
+      SystemExit: with videos.BAD_POLICY, after a line that says what is wrong with a policy.
+    """
     request = json.loads(argument)
     if not request:
         _probe()
         return
-    policy = hac_suite.Policy.load(request["policy"])
     output = Path(request["output"])
+    strip = output.suffix == ".png"
+    try:
+        choice = choose(request["policies"], 1 if strip else request["episodes"])
+    except (
+        errors.CommandError,
+        KeyError,
+        TypeError,
+        ValueError,
+    ) as error:  # nothing is rendered yet
+        what = f"lacks the entry {error}" if isinstance(error, KeyError) else str(error)
+        print(f"policy: {what}", file=sys.stderr)
+        sys.exit(videos.BAD_POLICY)
     output.parent.mkdir(parents=True, exist_ok=True)
     temporary = output.with_name(f".{output.stem}.{os.getpid()}{output.suffix}")
     try:
-        if output.suffix == ".png":
-            write_strip(policy, temporary)
-        else:
-            write_video(policy, temporary, request["episodes"])
+        (write_strip if strip else write_video)(choice, temporary)
         os.replace(temporary, output)
     finally:
         temporary.unlink(missing_ok=True)
 
 
-def write_video(policy: hac_suite.Policy, path: Path, episodes: int) -> None:
-    """An mp4 of `episodes` test episodes, H.264 in yuv420p, which browsers and players open."""
+def choose(paths: Sequence[str], count: int) -> Choice:
+    """The first of these policies that succeeds in a test episode, else the first; its episodes.
+
+    Raises:
+      CommandError, KeyError, TypeError, ValueError: a policy cannot be loaded or run.
+    """
+    choices = []
+    for path in paths:
+        policy = hac_suite.Policy.load(path)
+        seeds, success = _test_episodes(policy, count)
+        order = np.argsort(~success, kind="stable")  # successes first
+        choices.append(Choice(policy, [int(seed) for seed in seeds[order][:count]]))
+        if success.any():
+            return choices[-1]
+    return choices[0]
+
+
+def _test_episodes(policy: hac_suite.Policy, least: int) -> tuple[np.ndarray, np.ndarray]:
+    """Seeds of the episodes of every test period of the policy's seed, and its success in them."""
+    config = _config(policy)
+    seeds = exploration.episode_seeds(
+        policy.metadata["seed"],
+        exploration.Purpose.TEST_EPISODE,
+        0,
+        max(config.test_episodes, least),
+    )
+    env = tasks.load_vector(policy.metadata["task"], len(seeds))
+    stats = hac_suite.run_episodes(env, policy, seeds, config=config)
+    env.close()
+    return seeds, stats.success
+
+
+def write_video(choice: Choice, path: Path) -> None:
+    """An mp4 of test episodes, H.264 in yuv420p, which browsers and players open."""
     with iio.imopen(path, "w", plugin="pyav") as file:
         file.init_video_stream("libx264", fps=FRAMES_PER_SECOND, pixel_format="yuv420p")
-        for index, seed in enumerate(choose_episodes(policy, episodes), start=1):
-            label = f"episode {index} of {episodes}"
-            film_episode(policy, seed, label, file.write_frame)
+        for index, seed in enumerate(choice.episodes, start=1):
+            label = f"episode {index} of {len(choice.episodes)}"
+            film_episode(choice.policy, seed, label, file.write_frame)
 
 
-def write_strip(policy: hac_suite.Policy, path: Path) -> None:
+def write_strip(choice: Choice, path: Path) -> None:
     """A png of one episode: frames side by side, evenly spaced from its start to its end."""
     frames: list[np.ndarray] = []
     film_episode(
-        policy,
-        choose_episodes(policy, 1)[0],
+        choice.policy,
+        choice.episodes[0],
         "",
         lambda frame: frames.append(np.asarray(Image.fromarray(frame).reduce(_STRIP_SCALE))),
     )
@@ -72,20 +124,11 @@ def write_strip(policy: hac_suite.Policy, path: Path) -> None:
     iio.imwrite(path, np.concatenate([frames[i] for i in shown], axis=1))
 
 
-def choose_episodes(policy: hac_suite.Policy, count: int) -> list[int]:
-    """Seeds of `count` test episodes, those that reach the goal first."""
-    candidates = np.arange(max(count, _CANDIDATES))
-    env = tasks.load_vector(policy.metadata["task"], len(candidates))
-    stats = hac_suite.run_episodes(env, policy, candidates, config=_config(policy))
-    env.close()
-    order = np.argsort(~stats.success, kind="stable")
-    return [int(seed) for seed in candidates[order][:count]]
-
-
 def film_episode(policy: hac_suite.Policy, seed: int, label: str, show: Show) -> None:
-    """Shows every step of a test episode, and its end for a moment longer."""
-    task = policy.metadata["task"]
+    """Shows a test episode at its own pace or up to twice as slow, and its end a moment longer."""
+    task, config = policy.metadata["task"], _config(policy)
     env = tasks.load_vector(task, 1)
+    every = steps_per_frame(env.control_timestep)
     layers = policy.subgoal_layers
     plural = "" if layers == 1 else "s"
     who = f"{task}   {layers} subgoal layer{plural}   seed {policy.metadata['seed']}   {label}"
@@ -93,18 +136,21 @@ def film_episode(policy: hac_suite.Policy, seed: int, label: str, show: Show) ->
     def on_step(view: hac_suite.StepView) -> None:
         if view.subgoals:
             env.show_subgoals(0, [subgoal[0] for subgoal in view.subgoals])
-        if view.step % _STEPS_PER_FRAME == 0:
+        if view.step % every == 0:
             picture = env.render(0, width=SIZE[0], height=SIZE[1])
-            show(titled(picture, who, _counts(view, env.max_steps, policy.horizons)))
+            show(titled(picture, who, counts(view, env.max_steps, policy.horizons, config)))
 
-    stats = hac_suite.run_episodes(
-        env, policy, np.array([seed]), config=_config(policy), on_step=on_step
-    )
+    stats = hac_suite.run_episodes(env, policy, np.array([seed]), config=config, on_step=on_step)
     outcome = "goal reached in" if stats.success[0] else "goal not reached in"
     picture = env.render(0, width=SIZE[0], height=SIZE[1])
     env.close()
     for _ in range(_HOLD_FRAMES):
         show(titled(picture, who, f"{outcome} {stats.steps[0]} steps"))
+
+
+def steps_per_frame(control_timestep: float) -> int:
+    """Control steps between two frames: as many as fit into a frame's time, at least one."""
+    return max(1, math.floor(1 / (FRAMES_PER_SECOND * control_timestep) + 1e-9))
 
 
 def titled(picture: np.ndarray, first: str, second: str) -> np.ndarray:
@@ -117,9 +163,17 @@ def titled(picture: np.ndarray, first: str, second: str) -> np.ndarray:
     return np.concatenate([np.asarray(strip), picture])
 
 
-def _counts(view: hac_suite.StepView, max_steps: int, horizons: tuple[int, ...]) -> str:
+def counts(
+    view: hac_suite.StepView,
+    max_steps: int,
+    horizons: tuple[int, ...],
+    config: hac_suite.Config,
+) -> str:
+    """Steps and attempts made, with the bounds that hold in tests."""
+    top = len(horizons) - 1
     attempts = [
-        f"level {level}: {int(made[0])}/{allowed}"
+        f"level {level}: {int(made[0])}"
+        + ("" if level == top and config.test_until_horizon else f"/{allowed}")
         for level, (made, allowed) in enumerate(zip(view.attempts, horizons, strict=True))
     ]
     return f"step {view.step}/{max_steps}   attempts at {',  '.join(attempts)}"

@@ -12,6 +12,7 @@ from pathlib import Path
 from launch.execution import StopSignal
 
 BACKENDS = ("egl", "osmesa")
+BAD_POLICY = 3  # the renderer's exit status where the policy is at fault, not the backend
 REMEDY = (
     "for rendering without a display install EGL (Debian, Ubuntu: apt-get install libegl1 "
     "libegl-mesa0 libgl1-mesa-dri) or OSMesa (apt-get install libosmesa6); "
@@ -28,7 +29,7 @@ class RenderingError(Exception):
 
 
 def render(
-    policy: Path,
+    policies: Sequence[Path],
     output: Path,
     *,
     episodes: int = 2,
@@ -38,7 +39,8 @@ def render(
     """Renders test episodes of a policy into `output`: a video (.mp4) or a strip of frames (.png).
 
     Args:
-      policy: its path, without or with a suffix.
+      policies: their paths without a suffix. The first one that succeeds in a test episode is
+        shown; if none does, the first.
       episodes: how many a video shows, successful ones first.
       backends: values of MUJOCO_GL, tried in turn.
       stop: ends the rendering when set.
@@ -47,9 +49,14 @@ def render(
       What the user should know: which backend was fallen back to, and why.
 
     Raises:
-      RenderingError: no backend works, or the file cannot be written; `output` is untouched.
+      RenderingError: no backend works, a policy is bad, the file cannot be written, or the
+        rendering was stopped; `output` is untouched.
     """
-    request = {"policy": str(policy), "output": str(output), "episodes": episodes}
+    request = {
+        "policies": [str(policy) for policy in policies],
+        "output": str(output),
+        "episodes": episodes,
+    }
     problems: list[str] = []
     for backend in backends:
         problem = run_renderer(backend, json.dumps(request), stop=stop)
@@ -68,7 +75,13 @@ def run_renderer(
     timeout: float = _TIMEOUT_SECONDS,
     stop: StopSignal | None = None,
 ) -> str | None:
-    """Runs `python -m launch.rendering ARGUMENT` with this backend; None, or why it failed."""
+    """Runs `python -m launch.rendering ARGUMENT` with this backend; None, or why it failed.
+
+    Raises:
+      RenderingError: no other backend would do better: a policy is bad, or `stop` is set.
+    """
+    if stop is not None and stop.number is not None:
+        raise RenderingError("stopped")
     environment = {**os.environ, "MUJOCO_GL": backend, "PYOPENGL_PLATFORM": backend}
     path = [str(_ROOT), os.environ.get("PYTHONPATH", "")]
     environment["PYTHONPATH"] = os.pathsep.join(filter(None, path))
@@ -86,10 +99,16 @@ def run_renderer(
             break
         except subprocess.TimeoutExpired:
             late = time.monotonic() > end
-            if late or (stop is not None and stop.number is not None):
+            stopped = stop is not None and stop.number is not None
+            if late or stopped:
                 process.kill()
                 process.communicate()
-                return f"gave no result within {timeout:.0f} s" if late else "stopped"
+            if stopped:
+                raise RenderingError("stopped") from None
+            if late:
+                return f"gave no result within {timeout:.0f} s"
+    if process.returncode == BAD_POLICY:
+        raise RenderingError(_reason(process.returncode, printed))
     return None if process.returncode == 0 else _reason(process.returncode, printed)
 
 

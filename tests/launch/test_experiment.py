@@ -205,3 +205,17 @@ def test_rendering_that_fails_does_not_harm_training(tmp_path, capsys, monkeypat
     printed = capsys.readouterr().out
     assert "no video of pendulum_climb, 0 subgoal layers" in printed and "libegl1" in printed
     assert list((tmp_path / "pendulum_climb" / "videos").iterdir()) == []
+
+
+def test_a_damaged_policy_or_number_costs_a_warning_and_not_the_summary(tmp_path, capsys):
+    words = ("--seeds=1", "--periods=1", "--subgoal_layers=0")
+    assert launch(tmp_path, *words) == 0
+    folder = RunFolder(tmp_path, "pendulum_climb")
+    folder.policy(0, 0).with_suffix(".json").write_text("{")
+    assert launch(tmp_path, *words, "--video") == 0
+    printed = capsys.readouterr().out
+    assert "warning: no video of pendulum_climb, 0 subgoal layers: " in printed
+    assert printed.count("test period") == 2  # the heading of each launch's summary
+    folder.results.write_text(folder.results.read_text().replace(",0.25,", ",often,"))
+    assert launch(tmp_path, *words) == 0
+    assert "success_rate is 'often'" in capsys.readouterr().out
