@@ -1,0 +1,69 @@
+"""Where every agent stands at the end, as a table.
+
+Run as `python -m analysis.table analysis/data/*/results.csv` (or with run folders).
+"""
+
+import argparse
+from collections.abc import Sequence
+
+import pandas as pd
+
+from analysis.load import load
+from analysis.paper import STEPS_TO_GOAL
+from analysis.statistics import SOLVED, final_success
+
+HEADINGS = (
+    "task",
+    "layers",
+    "n",
+    "episodes",
+    "success",
+    "95% interval",
+    f"episodes to {SOLVED:.0%}",
+    "steps",
+    "paper",
+)
+
+
+def tabulate(results: pd.DataFrame) -> pd.DataFrame:
+    """A row per task and agent, as text under `HEADINGS`; a dash where there is nothing to say.
+
+    Success is the mean over seeds at the last test period; steps are the median over seeds of the
+    mean steps to goal, beside the paper's count.
+    """
+    rows = [
+        (
+            agent.task,
+            str(agent.subgoal_layers),
+            str(agent.n),
+            str(agent.train_episodes),
+            f"{agent.mean:.1%}",
+            "-" if pd.isna(agent.low) else f"{agent.low:.1%} to {agent.high:.1%}",
+            _whole(agent.episodes_to_80),
+            _whole(agent.median_steps),
+            _whole(STEPS_TO_GOAL.get(agent.task)),
+        )
+        for agent in final_success(results).itertuples()
+    ]
+    return pd.DataFrame(rows, columns=list(HEADINGS))
+
+
+def _whole(value: float | None) -> str:
+    return "-" if value is None or pd.isna(value) else f"{value:.0f}"
+
+
+def main(argv: Sequence[str] | None = None) -> None:
+    """Command line: prints the table in Markdown; exit status 2 when it cannot."""
+    parser = argparse.ArgumentParser(prog="python -m analysis.table", description=__doc__)
+    parser.add_argument("paths", nargs="+", help="run folders or results.csv files")
+    arguments = parser.parse_args(argv)
+    try:
+        table = tabulate(load(arguments.paths))
+    except (OSError, ValueError) as error:
+        parser.error(str(error))
+    for cells in (HEADINGS, ("---",) * len(HEADINGS), *table.itertuples(index=False)):
+        print(f"| {' | '.join(cells)} |")
+
+
+if __name__ == "__main__":
+    main()
