@@ -4,7 +4,6 @@ MUJOCO_GL=egl python -m launch.rendering '{"policies": [...], "output": ..., "ep
 """
 
 import json
-import math
 import os
 import sys
 from collections.abc import Callable, Sequence
@@ -20,7 +19,8 @@ import tasks
 from hac_suite import exploration
 from launch import errors, settings, videos
 
-FRAMES_PER_SECOND = 30
+_MOST_FRAMES_PER_SECOND = 30
+_STEPS_PER_FRAME = 2
 SIZE = (640, 480)  # width, height of the picture below the title
 _TITLE_HEIGHT = 56
 _HOLD_FRAMES = 45
@@ -104,7 +104,8 @@ def _test_episodes(policy: hac_suite.Policy, least: int) -> tuple[np.ndarray, np
 def write_video(choice: Choice, path: Path) -> None:
     """An mp4 of test episodes, H.264 in yuv420p, which browsers and players open."""
     with iio.imopen(path, "w", plugin="pyav") as file:
-        file.init_video_stream("libx264", fps=FRAMES_PER_SECOND, pixel_format="yuv420p")
+        fps = frames_per_second(choice.policy.metadata["task"])
+        file.init_video_stream("libx264", fps=fps, pixel_format="yuv420p")
         for index, seed in enumerate(choice.episodes, start=1):
             label = f"episode {index} of {len(choice.episodes)}"
             film_episode(choice.policy, seed, label, file.write_frame)
@@ -125,10 +126,9 @@ def write_strip(choice: Choice, path: Path) -> None:
 
 
 def film_episode(policy: hac_suite.Policy, seed: int, label: str, show: Show) -> None:
-    """Shows a test episode at its own pace or up to twice as slow, and its end a moment longer."""
+    """Shows every second step of a test episode, and its end for a moment longer."""
     task, config = policy.metadata["task"], _config(policy)
     env = tasks.load_vector(task, 1)
-    every = steps_per_frame(env.control_timestep)
     layers = policy.subgoal_layers
     plural = "" if layers == 1 else "s"
     who = f"{task}   {layers} subgoal layer{plural}   seed {policy.metadata['seed']}   {label}"
@@ -136,7 +136,7 @@ def film_episode(policy: hac_suite.Policy, seed: int, label: str, show: Show) ->
     def on_step(view: hac_suite.StepView) -> None:
         if view.subgoals:
             env.show_subgoals(0, [subgoal[0] for subgoal in view.subgoals])
-        if view.step % every == 0:
+        if view.step % _STEPS_PER_FRAME == 0:
             picture = env.render(0, width=SIZE[0], height=SIZE[1])
             show(titled(picture, who, counts(view, env.max_steps, policy.horizons, config)))
 
@@ -148,9 +148,11 @@ def film_episode(policy: hac_suite.Policy, seed: int, label: str, show: Show) ->
         show(titled(picture, who, f"{outcome} {stats.steps[0]} steps"))
 
 
-def steps_per_frame(control_timestep: float) -> int:
-    """Control steps between two frames: as many as fit into a frame's time, at least one."""
-    return max(1, math.floor(1 / (FRAMES_PER_SECOND * control_timestep) + 1e-9))
+def frames_per_second(task: str) -> int:
+    """As many as play in real time; where screens do not show so many, at down to half speed."""
+    env = tasks.load_vector(task, 1)
+    env.close()
+    return min(_MOST_FRAMES_PER_SECOND, round(1 / (_STEPS_PER_FRAME * env.control_timestep)))
 
 
 def titled(picture: np.ndarray, first: str, second: str) -> np.ndarray:

@@ -18,20 +18,28 @@ def run(folder: Path, *words: str) -> subprocess.CompletedProcess:
     return subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=240)
 
 
-def test_a_small_experiment_from_another_folder(tmp_path):
-    done = run(
-        tmp_path, "--task=pendulum_climb", "--seeds=2", "--subgoal_layers=1", "--periods=1",
-        "--novideo", "--config.episodes_per_period=4", "--config.test_episodes=2",
-        "--config.updates_per_episode=1",
-    )  # fmt: skip
+@pytest.fixture(scope="module")
+def experiment(tmp_path_factory) -> Path:
+    """A folder in which a small experiment was run."""
+    return tmp_path_factory.mktemp("elsewhere")
+
+
+SMALL = (
+    "--task=ur5_reacher", "--seeds=2", "--subgoal_layers=1", "--periods=1",
+    "--config.episodes_per_period=4", "--config.test_episodes=2", "--config.updates_per_episode=1",
+)  # fmt: skip
+
+
+def test_a_small_experiment_from_another_folder(experiment):
+    done = run(experiment, *SMALL, "--novideo")
     assert done.returncode == 0, done.stderr
-    assert "pendulum_climb, 1 subgoal layer: 2 seed(s), episodes 0/4" in done.stdout
-    folder = tmp_path / "runs" / "pendulum_climb"
-    assert str(Path("runs") / "pendulum_climb" / "report.html") in done.stdout
+    assert "ur5_reacher, 1 subgoal layer: 2 seed(s), episodes 0/4" in done.stdout
+    folder = experiment / "runs" / "ur5_reacher"
+    assert str(Path("runs") / "ur5_reacher" / "report.html") in done.stdout
     results = load(folder)
     assert results["train_episodes"].tolist() == [0, 4, 0, 4]
     assert results["level1_proposed"].iloc[1] > 0
-    policy = hac_suite.Policy.load(folder / "policies" / "pendulum_climb_1layers_seed1")
+    policy = hac_suite.Policy.load(folder / "policies" / "ur5_reacher_1layers_seed1")
     assert policy.metadata["seed"] == 1
     assert policy.metadata["success_rate"] == results["success_rate"].iloc[-1]
     manifest = json.loads((folder / "manifest.json").read_text())
@@ -40,6 +48,18 @@ def test_a_small_experiment_from_another_folder(tmp_path):
         "manifest.json", "results.csv", "figure.png", "figure.csv", "report.html", "policies",
         "videos",
     }  # fmt: skip
+
+
+@pytest.mark.requires_gl
+def test_the_same_command_adds_the_video_that_is_missing(experiment):
+    folder = experiment / "runs" / "ur5_reacher"
+    before = (folder / "results.csv").read_bytes()
+    done = run(experiment, *SMALL)
+    assert done.returncode == 0, done.stderr
+    assert "2 of 2 seeds are finished already" in done.stdout
+    assert [path.name for path in (folder / "videos").iterdir()] == ["ur5_reacher_1layers.mp4"]
+    assert "videos/ur5_reacher_1layers.mp4" in (folder / "report.html").read_text()
+    assert (folder / "results.csv").read_bytes() == before
 
 
 @pytest.mark.parametrize("word", ["--task=pick_plce", "--config.batch_sze=3"])

@@ -74,7 +74,7 @@ def test_play_writes_an_mp4_that_players_open(run, tmp_path, capsys):
     assert capsys.readouterr().out.strip().endswith(str(output))
     assert [path.name for path in output.parent.iterdir()] == ["v.mp4"]
     described = iio.immeta(output, plugin="pyav")
-    assert (described["codec"], described["fps"]) == ("h264", rendering.FRAMES_PER_SECOND)
+    assert (described["codec"], described["fps"]) == ("h264", rendering.frames_per_second(TASK))
     assert described["video_format"].startswith("yuv420p")
     frames = iio.imread(output, plugin="pyav")
     assert frames.shape[2:] == (rendering.SIZE[0], 3) and len(frames) > 45
@@ -188,9 +188,8 @@ def test_episodes_are_chosen_among_those_that_were_tested(monkeypatch):
 
 @pytest.mark.parametrize("task", tasks.ALL)
 def test_videos_play_at_the_tasks_pace_or_up_to_twice_as_slow(task):
-    timestep = tasks.load_vector(task, 1).control_timestep
-    simulated = rendering.steps_per_frame(timestep) * timestep
-    assert 1 <= 1 / rendering.FRAMES_PER_SECOND / simulated < 2
+    of_steps = 1 / (2 * tasks.load_vector(task, 1).control_timestep)
+    assert 0.98 <= of_steps / rendering.frames_per_second(task) < 2
 
 
 def test_the_title_bounds_the_attempts_that_are_bounded():
