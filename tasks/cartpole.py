@@ -95,17 +95,10 @@ class Cartpole(base.GoalTask):
         return _END_GOAL
 
     def place_goal_marker(self, physics, goal):
-        self._goal_marker.show(physics, _tip_position(goal))
+        self._goal_marker.show_in_plane(physics, goal)
 
     def place_subgoal_marker(self, physics, level, subgoal):
-        if subgoal is None:
-            self._subgoal_markers[level].hide(physics)
-        else:
-            self._subgoal_markers[level].show(physics, _tip_position(subgoal))
-
-
-def _tip_position(goal: np.ndarray) -> tuple[float, float, float]:
-    return (goal[0], 0.0, goal[1])
+        self._subgoal_markers[level].show_in_plane(physics, subgoal)
 
 
 def _build_arena() -> composer.Arena:
