@@ -28,7 +28,7 @@ def present(
         try:
             write_report(folder.path)
         except Exception as error:  # the runs themselves are whole
-            console.print(f"warning: {folder.report} was not written: {error}")
+            console.print(f"warning: {folder.report} was not written: {error}", soft_wrap=True)
 
 
 def summarise(folder: RunFolder, console: Console) -> None:

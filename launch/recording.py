@@ -45,7 +45,8 @@ class Recorder:
         dropped = folder.prepare(retrained)
         if dropped:
             self._console.print(
-                f"warning: dropped {dropped} line(s) of {folder.results} that a kill had cut short"
+                f"warning: dropped {dropped} line(s) of {folder.results} that a kill had cut short",
+                soft_wrap=True,
             )
         manifest.write(folder.manifest, self.manifests[task])
 
@@ -106,6 +107,8 @@ class Recorder:
         try:
             write_figure(folder.path)
         except Exception as error:
-            self._console.print(f"warning: {folder.figure} was not refreshed: {error}")
+            self._console.print(
+                f"warning: {folder.figure} was not refreshed: {error}", soft_wrap=True
+            )
         self._outdated.discard(task)
         self._drawn[task] = time.monotonic()
