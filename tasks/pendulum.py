@@ -15,8 +15,8 @@ from dm_control import composer
 from tasks import assets, base, goal_space, markers, registry
 
 _SUBSTEPS = 2  # physics steps in a control step
-# Time-optimal control (dynamic programming on a grid) takes 90 steps of 0.025 s to touch the peak
-# and 117 of 0.02 s to come to rest there, both from hanging.
+# From test starts, a sampling planner (tests/tasks/planner.py) takes about 92 steps of 0.025 s to
+# touch the peak and 120 of 0.02 s to come to rest there.
 _CLIMB_TIMESTEP, _CLIMB_MAX_STEPS = 0.025, 300  # seconds in a control step, control steps
 _BALANCE_TIMESTEP, _BALANCE_MAX_STEPS = 0.02, 400
 

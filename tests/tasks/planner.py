@@ -110,7 +110,7 @@ def _retimed(plan: np.ndarray, length: int, random_state) -> np.ndarray:
     return plan[np.rint(source).astype(int)]
 
 
-def main(names, starts: int = 5, rounds: int = 40) -> None:
+def main(names, starts: int = 5, rounds: int = 90) -> None:
     """Prints a line for each task: medians over test starts of what script and planner take."""
     for name in names:
         env = tasks.load_vector(name, CANDIDATES)
