@@ -50,9 +50,11 @@ def test_a_small_experiment_from_another_folder(experiment):
     }  # fmt: skip
 
 
+@pytest.mark.slow
 @pytest.mark.requires_gl
 def test_the_same_command_adds_the_video_that_is_missing(experiment):
     folder = experiment / "runs" / "ur5_reacher"
+    assert folder.exists(), "the test above leaves it"
     before = (folder / "results.csv").read_bytes()
     done = run(experiment, *SMALL)
     assert done.returncode == 0, done.stderr
