@@ -3,13 +3,12 @@
 Run as `python -m analysis.calibration analysis/data/*/results.csv` (or with run folders).
 """
 
-import argparse
 from collections.abc import Sequence
 
 import pandas as pd
 
 from analysis import paper
-from analysis.load import load
+from analysis.command_line import table_of
 from analysis.statistics import SOLVED, last_rows
 
 COLUMNS = ("task", "converged", "seeds", "median_steps", "paper_steps", "ratio")
@@ -36,13 +35,7 @@ def calibrate(results: pd.DataFrame) -> pd.DataFrame:
 
 def main(argv: Sequence[str] | None = None) -> None:
     """Command line: prints the table; exit status 2 when it cannot."""
-    parser = argparse.ArgumentParser(prog="python -m analysis.calibration", description=__doc__)
-    parser.add_argument("paths", nargs="+", help="run folders or results.csv files")
-    arguments = parser.parse_args(argv)
-    try:
-        table = calibrate(load(arguments.paths))
-    except (OSError, ValueError) as error:
-        parser.error(str(error))
+    table = table_of("analysis.calibration", __doc__, argv, calibrate)
     formats = {"median_steps": "{:.0f}", "paper_steps": "{:.0f}", "ratio": "{:.2f}"}
     shown = {column: form.format for column, form in formats.items()}
     print(table.to_string(index=False, na_rep="-", formatters=shown))

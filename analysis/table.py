@@ -3,12 +3,11 @@
 Run as `python -m analysis.table analysis/data/*/results.csv` (or with run folders).
 """
 
-import argparse
 from collections.abc import Sequence
 
 import pandas as pd
 
-from analysis.load import load
+from analysis.command_line import table_of
 from analysis.paper import STEPS_TO_GOAL
 from analysis.statistics import SOLVED, final_success
 
@@ -54,13 +53,7 @@ def _whole(value: float | None) -> str:
 
 def main(argv: Sequence[str] | None = None) -> None:
     """Command line: prints the table in Markdown; exit status 2 when it cannot."""
-    parser = argparse.ArgumentParser(prog="python -m analysis.table", description=__doc__)
-    parser.add_argument("paths", nargs="+", help="run folders or results.csv files")
-    arguments = parser.parse_args(argv)
-    try:
-        table = tabulate(load(arguments.paths))
-    except (OSError, ValueError) as error:
-        parser.error(str(error))
+    table = table_of("analysis.table", __doc__, argv, tabulate)
     for cells in (HEADINGS, ("---",) * len(HEADINGS), *table.itertuples(index=False)):
         print(f"| {' | '.join(cells)} |")
 
