@@ -10,7 +10,7 @@ from dm_control import composer
 
 from tasks import assets, base, goal_space, markers, registry
 
-_CONTROL_TIMESTEP = 0.015  # seconds
+_CONTROL_TIMESTEP = 0.0175  # seconds
 _MAX_STEPS = 500  # control steps
 
 _RAIL_HEIGHT = 1.2  # metres, as in cartpole.xml
