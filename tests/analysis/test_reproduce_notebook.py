@@ -12,16 +12,17 @@ NOTEBOOK = Path(__file__).parents[2] / "analysis" / "notebooks" / "reproduce_fig
 
 @pytest.fixture
 def execute(monkeypatch):
-    """Runs the notebook in a kernel of its own, on the given run folder."""
+    """Runs the notebook in a kernel of its own, on a run folder or on what it takes itself."""
     monkeypatch.setenv("PYTHONPATH", str(NOTEBOOK.parents[2]))
 
-    def run(folder: Path) -> nbformat.NotebookNode:
+    def run(folder: Path | None) -> nbformat.NotebookNode:
         notebook = nbformat.read(NOTEBOOK, as_version=4)
         (parameters,) = [
             cell for cell in notebook.cells if "parameters" in cell.metadata.get("tags", [])
         ]
         assert "run_folder = None" in parameters.source
-        parameters.source = f"run_folder = {str(folder)!r}"
+        if folder is not None:
+            parameters.source = f"run_folder = {str(folder)!r}"
         resources = {"metadata": {"path": str(NOTEBOOK.parent)}}
         return NotebookClient(notebook, timeout=120, resources=resources).execute()
 
@@ -39,6 +40,13 @@ def test_draws_the_figure_of_a_run_folder(execute, make_run):
     assert len(pictures) == 1
     printed = "".join(output.text for output in outputs if output.output_type == "stream")
     assert f"{folder}: 8 test periods of 4 runs" in printed
+
+
+def test_draws_the_published_results_if_told_nothing(execute):
+    outputs = _outputs(execute(None))
+    printed = "".join(output.text for output in outputs if output.output_type == "stream")
+    assert "pick_place: 330 test periods of 30 runs" in printed
+    assert sum("image/png" in output.get("data", {}) for output in outputs) == 1
 
 
 def test_stops_at_a_folder_without_results(execute, tmp_path):
