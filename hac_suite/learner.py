@@ -48,6 +48,8 @@ class BoundedCritic:
 class UnboundedCritic:
     """Q is the critic's raw output, and targets are taken as they come [R18]."""
 
+    bound = math.inf
+
     def value(self, raw: torch.Tensor) -> torch.Tensor:
         return raw.clone()
 
@@ -156,10 +158,9 @@ class Learner:
         block = rows[..., : self._layout.block]
         output, _ = self._act(self.actor, block)
         value = self.critic_kind.value(self.critic.forward(block)[..., 0])
-        bound = getattr(self.critic_kind, "bound", math.inf)
         return {
             "q_mean": value.mean(1).tolist(),
             "q_min": value.amin(1).tolist(),
-            "q_at_bound": (value < -0.95 * bound).float().mean(1).tolist(),
+            "q_at_bound": (value < -0.95 * self.critic_kind.bound).float().mean(1).tolist(),
             "saturation": (output.abs() > 0.99).float().mean((1, 2)).tolist(),
         }

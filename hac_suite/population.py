@@ -107,8 +107,8 @@ class Population:
             ]
             chosen = replay.sample_indices(streams, 1, self.config.batch_size)[0]
             measured = learner.diagnose(self._gather(replay, chosen))
-            for values in measured.values():
-                values[:] = np.where(replay.sizes > 0, values, np.nan)
             measured["replay_fill"] = (replay.sizes / replay.capacity).tolist()
+            for values in measured.values():  # nothing replayed, nothing to say: seed by seed
+                values[:] = np.where(replay.sizes > 0, values, np.nan)
             found.append(measured)
         return found

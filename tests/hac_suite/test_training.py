@@ -103,7 +103,20 @@ def test_diverged_episodes_are_counted_and_failed():
     assert first.rows[0]["success_rate"] == 0
     assert first.rows[0]["diverged_episodes"] == 4
     assert last.rows[0]["diverged_episodes"] == 4 + 8
-    assert last.rows[0]["level0_replay_fill"] == 0 or np.isnan(last.rows[0]["level0_replay_fill"])
+    assert np.isnan(last.rows[0]["level0_replay_fill"])
+
+
+def test_a_seed_without_experience_is_blank_whatever_its_neighbours_have():
+    def diverging(num_envs: int) -> PointEnv:
+        first_seed = dict.fromkeys(range(FAST.episodes_per_round), 0)
+        return PointEnv(num_envs, max_steps=20, diverge_at=first_seed)
+
+    arguments = dict(subgoal_layers=1, horizons=(5, 4), periods=1)
+    (_, last) = training.train(diverging, FAST, [0, 1], **arguments)
+    blank, whole = last.rows
+    for name in ("q_mean", "replay_fill"):
+        assert np.isnan(blank[f"level0_{name}"])
+        assert np.isfinite(whole[f"level0_{name}"])
 
 
 def test_every_agent_and_period_of_a_seed_is_tested_on_the_same_episodes():
