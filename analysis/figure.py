@@ -72,12 +72,13 @@ def save_png(figure: Figure, path: Path) -> None:
     figure.savefig(path, format="png", dpi=DOTS_PER_INCH)
 
 
-def plot_success(ax: Axes, summary: pd.DataFrame) -> None:
+def plot_success(ax: Axes, summary: pd.DataFrame, *, legend: bool = True) -> None:
     """Draws one panel of Figure 5 (section 4.2): mean success and 95% band over seeds per agent.
 
     Args:
       ax: axes to draw on; x is the test period, y the success rate from 0 to 1, in percent.
       summary: of one task, as `analysis.statistics.success_per_period` gives it.
+      legend: whether the panel explains its agents itself.
 
     Raises:
       ValueError: `summary` holds no task or more than one.
@@ -94,7 +95,8 @@ def plot_success(ax: Axes, summary: pd.DataFrame) -> None:
     ax.yaxis.set_major_formatter(PercentFormatter(1.0))
     ax.grid(alpha=0.25, linewidth=0.6)
     ax.spines[["top", "right"]].set_visible(False)
-    ax.legend(title="mean and 95% interval over seeds", framealpha=0.85, handlelength=3.2)
+    if legend:
+        ax.legend(title="mean and 95% interval over seeds", framealpha=0.85, handlelength=3.2)
 
 
 def _plot_agent(ax: Axes, layers: int, curve: pd.DataFrame) -> None:

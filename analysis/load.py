@@ -31,6 +31,10 @@ _DUPLICATES = "results hold more than one row for {rows}; was a run folder given
 _CUT_SHORT = "{path}: the last line has no line end, so it was cut short in writing; dropped"
 
 
+class NoResults(ValueError):
+    """A results.csv without a complete row: its first test period is still to come."""
+
+
 def load(paths: str | Path | Sequence[str | Path]) -> pd.DataFrame:
     """Loads results: a row per (task, subgoal_layers, seed, period), sorted by these.
 
@@ -39,8 +43,9 @@ def load(paths: str | Path | Sequence[str | Path]) -> pd.DataFrame:
 
     Raises:
       FileNotFoundError: no results.csv at a path.
-      ValueError: a file has no complete row, lacks columns or holds a value that cannot be, or two
-        rows are of the same task, agent, seed and period. A cut last line only warns.
+      NoResults: a file has no complete row.
+      ValueError: a file lacks columns or holds a value that cannot be, or two rows are of the same
+        task, agent, seed and period. A cut last line only warns.
     """
     if isinstance(paths, str | Path):
         paths = [paths]
@@ -70,7 +75,7 @@ def _load_file(path: Path) -> pd.DataFrame:
     if missing:
         raise ValueError(_MISSING_COLUMNS.format(path=path, names=", ".join(missing)))
     if not rows:
-        raise ValueError(_NO_ROWS.format(path=path))
+        raise NoResults(_NO_ROWS.format(path=path))
     for line, row in rows.items():
         if len(row) != len(header):
             message = _WRONG_LENGTH.format(path=path, line=line, got=len(row), expected=len(header))
@@ -94,7 +99,7 @@ def _read_rows(path: Path) -> tuple[list[str], dict[int, list[str]]]:
     except (UnicodeDecodeError, csv.Error) as error:
         raise ValueError(f"{path}: not a results.csv ({error})") from error
     if not header:
-        raise ValueError(_NO_ROWS.format(path=path))
+        raise NoResults(_NO_ROWS.format(path=path))
     return header, dict(numbered)
 
 
