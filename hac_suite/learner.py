@@ -1,20 +1,22 @@
 """The actor-critic of one level, for a population of seeds (Sections 2 and 3.1): DDPG by hand.
 
 All passes are batched over seeds and no operation mixes them, so a seed learns the same, bit for
-bit, in any population.
+bit, in any population. Batches come in pieces that stay in the processor's cache; their gradients
+add up.
 """
 
+import copy
 import math
 
 import torch
-from torch.nn import functional
 
+from hac_suite.adam import Adam
 from hac_suite.config import Config
-from hac_suite.networks import StackedMLP
+from hac_suite.networks import StackedMLP, in_whole_registers
 from hac_suite.replay import RowLayout
 from hac_suite.types import LevelSpec
 
-_REGISTERS = 32  # floats; a multiple of every vector width
+_CACHED_ROWS = 256  # of a batch, at a time
 
 
 class BoundedCritic:
@@ -30,12 +32,7 @@ class BoundedCritic:
 
     def value(self, raw: torch.Tensor) -> torch.Tensor:
         """Q of raw outputs [..., B]."""
-        # What is left over after whole vector registers goes through another sigmoid, with other
-        # roundings: rows are filled up, so that nothing is left over whatever the population.
-        left_over = raw.shape[-1] % _REGISTERS if raw.ndim else 0
-        filled = functional.pad(raw, (0, _REGISTERS - left_over)) if left_over else raw
-        value = torch.sigmoid(filled + self._offset) * -self.bound
-        return value[..., : raw.shape[-1]] if left_over else value
+        return in_whole_registers(torch.sigmoid, raw + self._offset) * -self.bound
 
     def raw_gradient(self, gradient: torch.Tensor, value: torch.Tensor) -> torch.Tensor:
         """d loss / dx from d loss / dQ: dQ/dx = Q * (1 + Q / T)."""
@@ -60,104 +57,111 @@ class UnboundedCritic:
         return target
 
 
-def critic_gradient(value: torch.Tensor, target: torch.Tensor) -> torch.Tensor:
-    """d/dQ of each seed's loss, the mean over the batch of (Q - y)^2: [S, B]."""
-    return (value - target).mul_(2 / value.shape[1])
-
-
 class Learner:
     """Actor, critic, their targets and optimisers of one level for S seeds."""
 
     def __init__(self, spec: LevelSpec, config: Config, generators: list[torch.Generator]):
         seeds, features = len(generators), spec.observation_dim + spec.goal_space.dim
-        actor_sizes = (features, *config.hidden_sizes, spec.action_dim)
-        critic_sizes = (features + spec.action_dim, *config.hidden_sizes, 1)
         self._layout = RowLayout.of(spec)
         self._target_rate = config.target_rate
         self._saturation_penalty = config.saturation_penalty
-        self.actor = StackedMLP(seeds, actor_sizes)
-        self.critic = StackedMLP(seeds, critic_sizes)
+        self.actor = StackedMLP(seeds, (features, *config.hidden_sizes, spec.action_dim))
+        self.critic = StackedMLP(seeds, (features + spec.action_dim, *config.hidden_sizes, 1))
         for seed, generator in enumerate(generators):
             self.actor.initialise(seed, generator)
             self.critic.initialise(seed, generator)
-        self.target_actor = self._target_of(self.actor, actor_sizes)
-        self.target_critic = self._target_of(self.critic, critic_sizes)
+        self.target_actor = self.actor.twin() if config.target_rate else self.actor
+        self.target_critic = self.critic.twin() if config.target_rate else self.critic
         self.critic_kind = (
             BoundedCritic(spec.attempts, config.initial_q)
             if config.bounded_critic
             else UnboundedCritic()
         )
-        self.optimisers = [
-            torch.optim.Adam([network.parameters], lr=config.learning_rate, fused=True)
-            for network in (self.critic, self.actor)
-        ]
-        for network in (self.critic, self.actor):
-            network.parameters.grad = network.gradient
+        self.actor_optimiser = Adam(self.actor, config.learning_rate)
+        self.critic_optimiser = Adam(self.critic, config.learning_rate)
 
-    def _target_of(self, network: StackedMLP, sizes: tuple[int, ...]) -> StackedMLP:
-        if not self._target_rate:
-            return network
-        target = StackedMLP(network.parameters.shape[0], sizes)
-        target.parameters.copy_(network.parameters)
-        return target
+    def of_seeds(self, start: int, stop: int) -> "Learner":
+        """The learner of some of the seeds: it updates their rows of the same memory."""
+        part = copy.copy(self)
+        part.actor, part.critic = (n.of_seeds(start, stop) for n in (self.actor, self.critic))
+        part.target_actor, part.target_critic = part.actor, part.critic
+        if self._target_rate:
+            part.target_actor = self.target_actor.of_seeds(start, stop)
+            part.target_critic = self.target_critic.of_seeds(start, stop)
+        part.actor_optimiser = self.actor_optimiser.of_seeds(start, stop, part.actor)
+        part.critic_optimiser = self.critic_optimiser.of_seeds(start, stop, part.critic)
+        return part
 
     def update(self, rows: torch.Tensor) -> None:
         """One step of critic, actor and targets on rows [S, B, width] (overwritten)."""
-        layout = self._layout
-        now, after = rows[..., : layout.block], rows[..., layout.block : 2 * layout.block]
-        target = self._target(after, rows[..., -2], rows[..., -1])
-        self._update_critic(now, target)
-        self._update_actor(now)
+        batch = rows.shape[1]
+        pieces = rows.split(_CACHED_ROWS, dim=1)
+        for first, piece in enumerate(pieces):
+            self._critic_gradient(piece, batch, accumulate=first > 0)
+        self.critic_optimiser.step()
+        for first, piece in enumerate(pieces):
+            self._actor_gradient(piece, batch, accumulate=first > 0)
+        self.actor_optimiser.step()
         if self._target_rate:
             self.target_actor.parameters.lerp_(self.actor.parameters, self._target_rate)
             self.target_critic.parameters.lerp_(self.critic.parameters, self._target_rate)
 
-    def _target(
-        self, after: torch.Tensor, reward: torch.Tensor, discount: torch.Tensor
-    ) -> torch.Tensor:
-        """y = r + gamma_g Q(s', pi(s', g), g): [S, B]."""
-        self._act(self.target_actor, after)
-        value = self.critic_kind.value(self.target_critic.forward(after)[..., 0])
-        return self.critic_kind.clip(value.mul_(discount).add_(reward))
+    def _now(self, rows: torch.Tensor) -> torch.Tensor:
+        """[action | observation | goal | 1] of rows [S, B, width], feature-major."""
+        return rows[..., : self._layout.block].transpose(1, 2)
 
     def _act(self, actor: StackedMLP, block: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        """Writes the actor's output into the block's action columns.
+        """Writes the actor's output into the block's action rows.
 
         Returns:
-            The output [S, B, A], and what it was before the tanh.
+            The output [S, A, B], and what it was before the tanh.
         """
         actions = self._layout.action_dim
-        raw = actor.forward(block[..., actions:])
-        output = torch.tanh(raw)
-        block[..., :actions] = output
+        raw = actor.forward(block[:, actions:])
+        output = in_whole_registers(torch.tanh, raw)
+        block[:, :actions] = output
         return output, raw
 
-    def _update_critic(self, now: torch.Tensor, target: torch.Tensor) -> None:
-        value = self.critic_kind.value(self.critic.forward(now)[..., 0])
-        gradient = self.critic_kind.raw_gradient(critic_gradient(value, target), value)
-        self.critic.backward(gradient.unsqueeze(-1))
-        self.optimisers[0].step()
+    def _value(self, critic: StackedMLP, block: torch.Tensor) -> torch.Tensor:
+        """Q of every column of the block: [S, B]."""
+        return self.critic_kind.value(critic.forward(block)[:, 0])
 
-    def _update_actor(self, now: torch.Tensor) -> None:
+    def _target(self, rows: torch.Tensor) -> torch.Tensor:
+        """y = r + gamma_g Q(s', pi(s', g), g): [S, B]."""
+        after = rows[..., self._layout.block : 2 * self._layout.block].transpose(1, 2)
+        self._act(self.target_actor, after)
+        value = self._value(self.target_critic, after)
+        return self.critic_kind.clip(value.mul_(rows[..., -1]).add_(rows[..., -2]))
+
+    def _critic_gradient(self, rows: torch.Tensor, batch: int, *, accumulate: bool) -> None:
+        """Descends each seed's loss, the mean over its batch of (Q - y)^2."""
+        target = self._target(rows)
+        value = self._value(self.critic, self._now(rows))
+        of_value = (value - target).mul_(2 / batch)
+        raw = self.critic_kind.raw_gradient(of_value, value)
+        self.critic.backward(raw.unsqueeze(1), accumulate=accumulate)
+
+    def _actor_gradient(self, rows: torch.Tensor, batch: int, *, accumulate: bool) -> None:
         """Ascends the mean over the batch of Q(s, pi(s, g), g), less the penalty on saturation.
 
         Where tanh is flat, Q gives the actor nothing to follow; the penalty on its argument does.
         """
+        now = self._now(rows)
         output, before_tanh = self._act(self.actor, now)
-        value = self.critic_kind.value(self.critic.forward(now)[..., 0])
-        ascent = torch.full_like(value, -1 / value.shape[1])
-        raw = self.critic_kind.raw_gradient(ascent, value).unsqueeze(-1)
+        value = self._value(self.critic, now)
+        ascent = torch.full_like(value, -1 / batch)
+        raw = self.critic_kind.raw_gradient(ascent, value).unsqueeze(1)
         to_action = self.critic.backward(raw, parameters=False, inputs=self._layout.action_dim)
         assert to_action is not None
-        pull = before_tanh * (2 * self._saturation_penalty / value.shape[1])
-        self.actor.backward(to_action.mul_(1 - output * output).add_(pull))
-        self.optimisers[1].step()
+        pull = before_tanh * (2 * self._saturation_penalty / batch)
+        gradient = to_action.mul_(1 - output * output).add_(pull)
+        self.actor.backward(gradient, accumulate=accumulate)
 
     def diagnose(self, rows: torch.Tensor) -> dict[str, list[float]]:
         """Per seed: mean and least Q of the policy, share of Q at the bound, saturation."""
-        block = rows[..., : self._layout.block]
+        block = self._now(rows)
         output, _ = self._act(self.actor, block)
-        value = self.critic_kind.value(self.critic.forward(block)[..., 0])
+        value = self._value(self.critic, block)
         return {
             "q_mean": value.mean(1).tolist(),
             "q_min": value.amin(1).tolist(),

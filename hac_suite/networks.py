@@ -1,29 +1,49 @@
 """Multilayer perceptrons of many seeds as one stack, with a hand-written backward pass.
 
-Every product is batched over seeds, so each seed's numbers are what it would get alone. Biases are
-the last row of each weight matrix, and every layer's input carries a last column of ones: one
-product then does the affine map, and one product its gradient.
+Every product is batched over seeds, so each seed's numbers are what it would get alone. Activations
+are feature-major, [S, features, B]: a layer of few outputs is then few long rows, which the matrix
+library multiplies several times faster than many short ones. Biases are the last column of each
+weight matrix, and every layer's input has a last row of ones: one product then does the affine map,
+and one product its gradient.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import torch
+from torch.nn import functional
 
-# A population of one with a single output column takes another path through the matrix library,
-# with other roundings: no layer is narrower than this.
+# A population of one with a single output takes another path through the matrix library, with
+# other roundings: no layer is narrower than this.
 _MIN_OUTPUTS = 2
 # Slabs of parameters are padded to whole vector registers, so that element-wise updates treat the
 # same parameter alike whatever the population.
 _SLAB = 64
+_REGISTERS = 32  # floats; a multiple of every vector width
+# Rows of activations begin at multiples of this many floats: products round as their operands are
+# aligned, and a seed's must be aligned alike in every population.
+ALIGNED = 16
+
+
+def in_whole_registers(
+    function: Callable[[torch.Tensor], torch.Tensor], values: torch.Tensor
+) -> torch.Tensor:
+    """An element-wise function of [..., B], the same bits whatever the other dimensions.
+
+    What is left over after whole vector registers goes through another tanh or sigmoid, with other
+    roundings: rows are filled up, so that nothing is left over.
+    """
+    columns = values.shape[-1]
+    filled = functional.pad(values, (0, -columns % _REGISTERS)) if columns % _REGISTERS else values
+    return function(filled)[..., :columns]
 
 
 class StackedMLP:
-    """ReLU networks with a linear output: [S, B, inputs + 1] -> [S, B, outputs].
+    """ReLU networks with a linear output: [S, inputs + 1, B] -> [S, outputs, B].
 
     Attributes:
         parameters: [S, P], every seed's parameters as one row.
         gradient: [S, P], written by `backward`.
-        weights: per layer a view [S, in + 1, out] into `parameters`.
+        weights: per layer a view [S, out, in + 1] into `parameters`.
     """
 
     def __init__(
@@ -36,15 +56,20 @@ class StackedMLP:
     ):
         self.sizes = (*sizes[:-1], max(sizes[-1], _MIN_OUTPUTS))
         self.outputs = sizes[-1]
-        self._shapes = [(i + 1, o) for i, o in zip(self.sizes[:-1], self.sizes[1:], strict=True)]
-        count = sum(i * o for i, o in self._shapes)
+        self._shapes = [(o, i + 1) for i, o in zip(self.sizes[:-1], self.sizes[1:], strict=True)]
+        count = sum(o * i for o, i in self._shapes)
         count += -count % _SLAB
-        self.parameters = torch.zeros(seeds, count, dtype=dtype, device=device)
-        self.gradient = torch.zeros_like(self.parameters)
-        self.weights = self._views(self.parameters)
-        self._weight_gradients = self._views(self.gradient)
-        self._workspaces: dict[int, _Workspace] = {}
-        self._inputs = torch.empty(0)
+        parameters = torch.zeros(seeds, count, dtype=dtype, device=device)
+        self._workspaces: dict[tuple[int, int], _Workspace] = {}
+        self._bind(parameters, torch.zeros_like(parameters))
+
+    def _bind(self, parameters: torch.Tensor, gradient: torch.Tensor) -> None:
+        self.parameters, self.gradient = parameters, gradient
+        self.weights = self._views(parameters)
+        self._weight_gradients = self._views(gradient)
+        # What the products of a pass see of the weights, made once: views cost time, too.
+        self._to_hidden = [w[..., :-1].transpose(1, 2) for w in self.weights]
+        self._inputs = parameters
 
     def _views(self, flat: torch.Tensor) -> list[torch.Tensor]:
         views, offset = [], 0
@@ -54,82 +79,110 @@ class StackedMLP:
             offset += rows * columns
         return views
 
+    def of_seeds(self, start: int, stop: int) -> "StackedMLP":
+        """The networks of some of the seeds: the same memory, and buffers shared with others."""
+        return self._like(self.parameters[start:stop], self.gradient[start:stop])
+
+    def twin(self) -> "StackedMLP":
+        """A copy that uses the same buffers: neither can go backward after the other's forward."""
+        return self._like(self.parameters.clone(), self.gradient)
+
+    def _like(self, parameters: torch.Tensor, gradient: torch.Tensor) -> "StackedMLP":
+        other = object.__new__(StackedMLP)
+        other.sizes, other.outputs, other._shapes = self.sizes, self.outputs, self._shapes
+        other._workspaces = self._workspaces
+        other._bind(parameters, gradient)
+        return other
+
     def initialise(self, seed: int, generator: torch.Generator, last: float = 3e-3) -> None:
         """Draws one seed's parameters: fan-in uniform, the last layer uniform in +-`last`."""
         for layer, weight in enumerate(self.weights):
             final = layer == len(self.weights) - 1
-            bound = last if final else (weight.shape[1] - 1) ** -0.5
+            bound = last if final else (weight.shape[2] - 1) ** -0.5
             drawn = torch.rand(weight.shape[1:], generator=generator) * (2 * bound) - bound
             if final:
-                drawn[:, self.outputs :] = 0
+                drawn[self.outputs :] = 0
             weight[seed] = drawn
 
     def forward(self, inputs: torch.Tensor) -> torch.Tensor:
-        """[S, B, inputs + 1], the last column ones -> [S, B, outputs]; reuses its buffers."""
-        space = self._workspace(inputs.shape[1])
+        """[S, inputs + 1, B], the last row ones -> [S, outputs, B]; reuses its buffers."""
+        space = self._workspace(inputs.shape[2])
         self._inputs = inputs
         below = inputs
         for weight, hidden, with_ones in zip(
-            self.weights[:-1], space.hidden, space.with_ones, strict=True
+            self.weights, space.hidden, space.with_ones, strict=False
         ):
-            torch.bmm(below, weight, out=hidden)
+            torch.bmm(weight, below, out=hidden)
             hidden.relu_()
             below = with_ones
-        torch.bmm(below, self.weights[-1], out=space.output)
-        return space.output[..., : self.outputs]
+        torch.bmm(self.weights[-1], below, out=space.output)
+        return space.returned
 
     def backward(
-        self, output_gradient: torch.Tensor, *, parameters: bool = True, inputs: int = 0
+        self,
+        output_gradient: torch.Tensor,
+        *,
+        parameters: bool = True,
+        accumulate: bool = False,
+        inputs: int = 0,
     ) -> torch.Tensor | None:
         """Backpropagates through the last `forward`.
 
         Args:
-            output_gradient: [S, B, outputs].
+            output_gradient: [S, outputs, B].
             parameters: whether to write `gradient`.
-            inputs: how many leading input columns to return the gradient of.
+            accumulate: add to `gradient` what it would be.
+            inputs: how many leading input rows to return the gradient of.
 
         Returns:
-            [S, B, inputs] if `inputs`, else None.
+            [S, inputs, B] if `inputs`, else None.
         """
-        space = self._workspace(output_gradient.shape[1])
-        gradient = space.output_gradient
-        gradient[..., : self.outputs] = output_gradient
+        space = self._workspace(output_gradient.shape[2])
+        space.returned_gradient.copy_(output_gradient)
+        gradient, beta = space.output_gradient, int(accumulate)
         for layer in range(len(self.weights) - 1, 0, -1):
-            below = space.with_ones[layer - 1]
             if parameters:
-                torch.bmm(below.transpose(1, 2), gradient, out=self._weight_gradients[layer])
+                self._weight_gradients[layer].baddbmm_(
+                    gradient, space.transposed[layer - 1], beta=beta
+                )
             hidden, into = space.hidden[layer - 1], space.gradients[layer - 1]
-            torch.bmm(gradient, self.weights[layer][:, :-1].transpose(1, 2), out=into)
+            torch.bmm(self._to_hidden[layer], gradient, out=into)
             torch.ops.aten.threshold_backward.grad_input(into, hidden, 0, grad_input=into)
             gradient = into
         if parameters:
-            torch.bmm(self._inputs.transpose(1, 2), gradient, out=self._weight_gradients[0])
+            self._weight_gradients[0].baddbmm_(gradient, self._inputs.transpose(1, 2), beta=beta)
         if not inputs:
             return None
-        columns = max(inputs, _MIN_OUTPUTS)
-        return torch.bmm(gradient, self.weights[0][:, :columns].transpose(1, 2))[..., :inputs]
+        rows = max(inputs, _MIN_OUTPUTS)
+        into = space.input_gradient[:, :rows]
+        torch.bmm(self.weights[0][..., :rows].transpose(1, 2), gradient, out=into)
+        return into[:, :inputs]
 
-    def _workspace(self, rows: int) -> "_Workspace":
-        if rows not in self._workspaces:
-            self._workspaces[rows] = _Workspace(self.parameters, rows, self.sizes)
-        return self._workspaces[rows]
+    def _workspace(self, columns: int) -> "_Workspace":
+        key = len(self.parameters), columns
+        if key not in self._workspaces:
+            self._workspaces[key] = _Workspace(self.parameters, columns, self.sizes, self.outputs)
+        return self._workspaces[key]
 
 
 class _Workspace:
-    """Buffers for one batch size: activations with their column of ones, and their gradients."""
+    """Buffers for one batch size: activations with their row of ones, and their gradients."""
 
-    def __init__(self, like: torch.Tensor, rows: int, sizes: Sequence[int]):
-        seeds = like.shape[0]
+    def __init__(self, like: torch.Tensor, columns: int, sizes: Sequence[int], outputs: int):
+        def new(rows: int) -> torch.Tensor:
+            padded = columns + -columns % ALIGNED
+            made = torch.zeros(len(like), rows, padded, dtype=like.dtype, device=like.device)
+            return made[..., :columns]
 
-        def new(width: int) -> torch.Tensor:
-            return torch.zeros(seeds, rows, width, dtype=like.dtype, device=like.device)
-
-        # Rows padded to 16 floats keep every row aligned.
-        padded = [new(width + 16 - width % 16) for width in sizes[1:-1]]
-        for buffer, width in zip(padded, sizes[1:-1], strict=True):
-            buffer[..., width] = 1
-        self.hidden = [b[..., :w] for b, w in zip(padded, sizes[1:-1], strict=True)]
-        self.with_ones = [b[..., : w + 1] for b, w in zip(padded, sizes[1:-1], strict=True)]
-        self.gradients = [new(width) for width in sizes[1:-1]]
-        self.output = new(sizes[-1])
-        self.output_gradient = new(sizes[-1])
+        self.with_ones = [new(width + 1) for width in sizes[1:-1]]
+        for buffer in self.with_ones:
+            buffer[:, -1] = 1
+        self.hidden = [buffer[:, :-1] for buffer in self.with_ones]
+        self.transposed = [buffer.transpose(1, 2) for buffer in self.with_ones]
+        # Two buffers in turn serve all layers: a gradient is done with once the next is known.
+        turns = [new(max(sizes[1:-1])), new(max(sizes[1:-1]))]
+        self.gradients = [turns[i % 2][:, :width] for i, width in enumerate(sizes[1:-1])]
+        self.output, self.output_gradient = new(sizes[-1]), new(sizes[-1])
+        self.input_gradient = new(sizes[0])
+        self.returned = self.output[:, :outputs]
+        self.returned_gradient = self.output_gradient[:, :outputs]

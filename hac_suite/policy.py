@@ -11,27 +11,28 @@ import safetensors
 import safetensors.torch
 import torch
 
-from hac_suite.networks import StackedMLP
+from hac_suite.networks import ALIGNED, StackedMLP, in_whole_registers
 from hac_suite.types import Actor, LevelSpec
 
-_FORMAT = "hac_suite.policy/1"
+_FORMAT = "hac_suite.policy/2"
 
 
 def as_actor(network: StackedMLP, spec: LevelSpec) -> Actor:
     """The actor of a level for S seeds: rows [S * E, ...] of a lock step, seed by seed."""
     seeds = network.parameters.shape[0]
     observations, width = spec.observation_dim, spec.observation_dim + spec.goal_space.dim
-    inputs: dict[int, np.ndarray] = {}
+    inputs: dict[int, torch.Tensor] = {}
 
     def act(observation: np.ndarray, goal: np.ndarray) -> np.ndarray:
         rows = len(observation)
         if rows not in inputs:
-            inputs[rows] = np.ones((rows, width + 1), np.float32)
-        block = inputs[rows]
+            inputs[rows] = torch.ones(rows, width + ALIGNED - width % ALIGNED)
+        block = inputs[rows].numpy()
         block[:, :observations] = observation / spec.observation_scale
         block[:, observations:width] = spec.goal_space.normalise(goal)
-        stacked = torch.from_numpy(block).view(seeds, rows // seeds, width + 1)
-        return torch.tanh(network.forward(stacked)).view(rows, -1).numpy()
+        stacked = inputs[rows].view(seeds, rows // seeds, -1)[..., : width + 1]
+        output = in_whole_registers(torch.tanh, network.forward(stacked.transpose(1, 2)))
+        return output.transpose(1, 2).reshape(rows, -1).numpy()
 
     return act
 
@@ -90,7 +91,7 @@ class Policy:
         """Writes `path`.safetensors and `path`.json."""
         path = Path(path)
         tensors = {
-            f"level{level}.layer{layer}": weight[0, :, : _columns(network, layer)].contiguous()
+            f"level{level}.layer{layer}": weight[0, : _outputs(network, layer)].contiguous()
             for level, network in enumerate(self.networks)
             for layer, weight in enumerate(network.weights)
         }
@@ -123,7 +124,7 @@ def _files(path: Path) -> tuple[Path, Path]:
     return path.with_name(path.name + ".safetensors"), path.with_name(path.name + ".json")
 
 
-def _columns(network: StackedMLP, layer: int) -> int:
+def _outputs(network: StackedMLP, layer: int) -> int:
     return network.outputs if layer == len(network.weights) - 1 else network.sizes[layer + 1]
 
 
@@ -151,7 +152,7 @@ def _read_description(path: Path) -> dict[str, Any]:
 def _chained(layers: list[torch.Tensor]) -> bool:
     """Whether each layer's outputs, and a one, are the next one's inputs."""
     matrices = all(layer.ndim == 2 for layer in layers)
-    return matrices and all(a.shape[1] + 1 == b.shape[0] for a, b in itertools.pairwise(layers))
+    return matrices and all(a.shape[0] + 1 == b.shape[1] for a, b in itertools.pairwise(layers))
 
 
 def _network(tensors: dict[str, torch.Tensor], level: int, path: Path) -> StackedMLP:
@@ -162,8 +163,8 @@ def _network(tensors: dict[str, torch.Tensor], level: int, path: Path) -> Stacke
         raise ValueError(f"{path} lacks a whole network for level {level}.")
     if not all(bool(torch.isfinite(layer).all()) for layer in layers):
         raise ValueError(f"{path}: the weights of level {level} are not all finite.")
-    sizes = [layer.shape[0] - 1 for layer in layers] + [layers[-1].shape[1]]
+    sizes = [layer.shape[1] - 1 for layer in layers] + [layers[-1].shape[0]]
     network = StackedMLP(1, sizes)
     for weight, layer in zip(network.weights, layers, strict=True):
-        weight[0, :, : layer.shape[1]] = layer
+        weight[0, : layer.shape[0]] = layer
     return network

@@ -1,5 +1,6 @@
 """Agents of many seeds that learn side by side: their learners, replay buffers and streams."""
 
+import itertools
 from collections.abc import Sequence
 
 import numpy as np
@@ -14,6 +15,8 @@ from hac_suite.policy import Policy, as_actor
 from hac_suite.record import Round
 from hac_suite.replay import Replay, RowLayout
 from hac_suite.types import Actor, LevelSpec, VectorEnv, level_specs
+
+_SEEDS_AT_A_TIME = 5
 
 
 class Population:
@@ -32,6 +35,12 @@ class Population:
         self.replays = [
             Replay(len(self.seeds), config.replay_capacity, RowLayout.of(spec))
             for spec in self.levels
+        ]
+        # A few seeds at a time do their whole round: what they need stays in the cache.
+        edges = [*range(0, len(self.seeds), _SEEDS_AT_A_TIME), len(self.seeds)]
+        self._parts = [
+            [(a, b, learner.of_seeds(a, b)) for a, b in itertools.pairwise(edges)]
+            for learner in self.learners
         ]
         self._explore = [exploration.stream(seed, Purpose.EXPLORE) for seed in self.seeds]
         self._replay_streams = [
@@ -82,15 +91,13 @@ class Population:
         """A round of updates on every level."""
         config = self.config
         updates = config.updates_per_episode * config.episodes_per_round
-        for learner, replay, streams in zip(
-            self.learners, self.replays, self._replay_streams, strict=True
+        for replay, streams, parts in zip(
+            self.replays, self._replay_streams, self._parts, strict=True
         ):
             indices = replay.sample_indices(streams, updates, config.batch_size)
-            for chosen in indices:
-                learner.update(self._gather(replay, chosen))
-
-    def _gather(self, replay: Replay, chosen: torch.Tensor) -> torch.Tensor:
-        return replay.flat[chosen].view(len(self.seeds), -1, replay.layout.width)
+            for start, stop, learner in parts:
+                for rows in replay.batches(indices[:, start:stop], start):
+                    learner.update(rows)
 
     def diagnose(self, period: int) -> list[dict[str, list[float]]]:
         """Per level, per seed: what the critic and actor look like on replayed states."""
@@ -105,8 +112,8 @@ class Population:
                 )
                 for seed in self.seeds
             ]
-            chosen = replay.sample_indices(streams, 1, self.config.batch_size)[0]
-            measured = learner.diagnose(self._gather(replay, chosen))
+            indices = replay.sample_indices(streams, 1, self.config.batch_size)
+            (measured,) = map(learner.diagnose, replay.batches(indices))
             measured["replay_fill"] = (replay.sizes / replay.capacity).tolist()
             for values in measured.values():  # nothing replayed, nothing to say: seed by seed
                 values[:] = np.where(replay.sizes > 0, values, np.nan)

@@ -6,11 +6,14 @@ one block further for the next state, whose action the learner fills in. Observa
 goals and actions normalised to [-1, 1].
 """
 
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
 import torch
+from torch.nn import functional
 
+from hac_suite.networks import ALIGNED
 from hac_suite.transitions import Transitions
 from hac_suite.types import LevelSpec
 
@@ -79,17 +82,26 @@ class Replay:
     def sample_indices(
         self, generators: list[np.random.Generator], updates: int, batch: int
     ) -> torch.Tensor:
-        """Uniform rows with replacement for a round: int64 [updates, S * batch] into `flat`."""
-        drawn = np.stack(
-            [
-                generator.integers(0, max(size, 1), (updates, batch)) + seed * self.capacity
-                for seed, (generator, size) in enumerate(zip(generators, self.sizes, strict=True))
-            ],
-            axis=1,
-        )
-        return torch.from_numpy(drawn.reshape(updates, -1))
+        """Uniform rows with replacement for a round: int64 [updates, S, batch] into each ring."""
+        drawn = [
+            generator.integers(0, max(size, 1), (updates, batch))
+            for generator, size in zip(generators, self.sizes, strict=True)
+        ]
+        return torch.from_numpy(np.stack(drawn, axis=1))
 
-    @property
-    def flat(self) -> torch.Tensor:
-        """Every seed's rows as one table [S * capacity, width]."""
-        return self.rows.view(-1, self.layout.width)
+    def batches(self, indices: torch.Tensor, start: int = 0) -> Iterator[torch.Tensor]:
+        """Each update's rows [S', B, width] of seeds start, start + 1, ..., in one buffer.
+
+        Args:
+            indices: [updates, S', B] of these seeds.
+        """
+        _, seeds, batch = indices.shape
+        table = self.rows[start : start + seeds].view(-1, self.layout.width)
+        # Filled up so that every seed's rows begin alike aligned; see networks.ALIGNED.
+        filled = functional.pad(indices, (0, -batch % ALIGNED))
+        flat = filled + torch.arange(seeds)[:, None] * self.capacity
+        # Memory fresh from the system costs several times what the copy does: one buffer for all.
+        buffer = torch.empty(flat[0].numel(), self.layout.width)
+        for chosen in flat:
+            torch.index_select(table, 0, chosen.view(-1), out=buffer)
+            yield buffer.view(seeds, -1, self.layout.width)[:, :batch]

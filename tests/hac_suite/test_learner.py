@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 import torch
 
+from hac_suite import learner as learner_module
 from hac_suite.config import PAPER
-from hac_suite.learner import BoundedCritic, Learner, UnboundedCritic, critic_gradient
+from hac_suite.learner import BoundedCritic, Learner, UnboundedCritic
 from hac_suite.networks import StackedMLP
 from hac_suite.replay import RowLayout
 from hac_suite.types import LevelSpec
@@ -17,7 +18,7 @@ from tasks.goal_space import GoalSpace
 GOALS = GoalSpace(("x",), ("m",), np.array([-2.0]), np.array([2.0]), np.array([0.1]))
 SPEC = LevelSpec(observation_scale=np.ones(2), goal_space=GOALS, action_dim=2, attempts=10)
 LAYOUT = RowLayout.of(SPEC)
-ROWS = 6
+ROWS = 16
 
 
 def a_batch(seeds: int = 2, dtype: torch.dtype = torch.float32) -> torch.Tensor:
@@ -37,8 +38,8 @@ def a_learner(seeds: int = 2, **changes) -> Learner:
 def test_bounded_critic_by_hand():
     critic = BoundedCritic(attempts=10, initial_q=-0.1)
     # Raw 0 is the optimistic start; raw = +offset' with sigmoid = 1/2 is half the bound.
-    assert critic.value(torch.tensor(0.0)).item() == pytest.approx(-0.1)
-    assert critic.value(torch.tensor(math.log(99.0))).item() == pytest.approx(-5.0)
+    assert critic.value(torch.tensor([0.0])).item() == pytest.approx(-0.1)
+    assert critic.value(torch.tensor([math.log(99.0)])).item() == pytest.approx(-5.0)
     assert critic.clip(torch.tensor([-11.0, -3.0, 1.0])).tolist() == [-10.0, -3.0, 0.0]
     # dQ/dx = -T s (1 - s): at s = 1/2, -10 / 4.
     slope = critic.raw_gradient(torch.tensor(1.0), torch.tensor(-5.0))
@@ -52,20 +53,14 @@ def test_unbounded_critic_is_the_identity():
     assert torch.equal(critic.raw_gradient(raw, torch.zeros(2)), raw)
 
 
-def test_critic_gradient_by_hand():
-    # Loss = ((-1 - -2)^2 + (-4 - -1)^2) / 2; its derivatives are (-1+2), (-4+1).
-    found = critic_gradient(torch.tensor([[-1.0, -4.0]]), torch.tensor([[-2.0, -1.0]]))
-    assert found.tolist() == [[1.0, -3.0]]
-
-
 def test_target_by_hand():
     """y = r + gamma_g Q': an untrained critic's Q' is initial_q, and gamma_g = 0 drops it."""
     learner = a_learner(seeds=1)
     learner.target_critic.parameters.zero_()
-    block = a_batch(1)[..., LAYOUT.block : 2 * LAYOUT.block]
-    reward = torch.tensor([[-1.0, -1.0, -1.0, -10.0, 0.0, -1.0]])
-    discount = torch.tensor([[0.98, 0.98, 0.0, 0.0, 0.0, 0.98]])
-    target = learner._target(block, reward, discount)
+    rows = a_batch(1)[:, :6]
+    rows[..., -2] = torch.tensor([[-1.0, -1.0, -1.0, -10.0, 0.0, -1.0]])
+    rows[..., -1] = torch.tensor([[0.98, 0.98, 0.0, 0.0, 0.0, 0.98]])
+    target = learner._target(rows)
     bootstrapped = -1 - 0.98 * 0.067
     expected = [bootstrapped, bootstrapped, -1.0, -10.0, 0.0, bootstrapped]
     assert target[0].tolist() == pytest.approx(expected, abs=1e-6)
@@ -77,7 +72,7 @@ def autograd_forward(network: StackedMLP, flat: torch.Tensor, block: torch.Tenso
     for index, weight in enumerate(network._views(flat)):
         if index:
             hidden = torch.cat([hidden.relu(), torch.ones_like(hidden[..., :1])], dim=-1)
-        hidden = hidden @ weight
+        hidden = hidden @ weight.transpose(1, 2)
     return hidden[..., : network.outputs]
 
 
@@ -89,12 +84,12 @@ def parameters_of(network: StackedMLP) -> torch.Tensor:
 def test_critic_update_follows_the_gradient_of_its_loss(bounded):
     """The loss of a seed is the mean over its batch of (Q - y)^2."""
     learner, rows = a_learner(bounded_critic=bounded), a_batch()
-    block, after = rows[..., : LAYOUT.block], rows[..., LAYOUT.block : 2 * LAYOUT.block]
-    target = learner._target(after, rows[..., -2], rows[..., -1])
+    block = rows[..., : LAYOUT.block]
+    target = learner._target(rows)
     flat = parameters_of(learner.critic)
     value = learner.critic_kind.value(autograd_forward(learner.critic, flat, block)[..., 0])
     (expected,) = torch.autograd.grad(((value - target) ** 2).mean(dim=1).sum(), flat)
-    learner._update_critic(block, target)
+    learner._critic_gradient(rows, ROWS, accumulate=False)
     torch.testing.assert_close(learner.critic.gradient, expected, rtol=1e-4, atol=1e-6)
 
 
@@ -112,7 +107,7 @@ def test_actor_update_follows_the_gradient_of_its_loss(bounded, penalty):
     raw = autograd_forward(learner.critic, learner.critic.parameters, judged)[..., 0]
     loss = penalty * (before_tanh**2).sum(dim=-1) - learner.critic_kind.value(raw)
     (expected,) = torch.autograd.grad(loss.mean(dim=1).sum(), flat)
-    learner._update_actor(block.clone())
+    learner._actor_gradient(a_batch(), ROWS, accumulate=False)
     torch.testing.assert_close(learner.actor.gradient, expected, rtol=1e-4, atol=1e-6)
 
 
@@ -121,13 +116,14 @@ def test_actor_update_raises_the_critics_value():
     learner.critic.parameters.copy_(torch.randn(learner.critic.parameters.shape) * 0.3)
 
     def mean_value() -> torch.Tensor:
-        block = rows[..., : LAYOUT.block].clone()
+        block = learner._now(rows.clone())
         learner._act(learner.actor, block)
-        return learner.critic_kind.value(learner.critic.forward(block)[..., 0]).mean(dim=1)
+        return learner._value(learner.critic, block).mean(dim=1)
 
     before = mean_value()
     for _ in range(20):
-        learner._update_actor(rows[..., : LAYOUT.block].clone())
+        learner._actor_gradient(rows.clone(), ROWS, accumulate=False)
+        learner.actor_optimiser.step()
     assert (mean_value() > before).all()
 
 
@@ -138,6 +134,30 @@ def test_targets_follow_at_the_target_rate():
     expected = old_target + 0.25 * (learner.actor.parameters - old_target)
     torch.testing.assert_close(learner.target_actor.parameters, expected)
     assert not torch.equal(learner.actor.parameters, old_target)
+
+
+def test_a_batch_in_pieces_updates_as_a_whole_one(monkeypatch):
+    whole, pieces = a_learner(), a_learner()
+    for _ in range(3):
+        whole.update(a_batch())
+    monkeypatch.setattr(learner_module, "_CACHED_ROWS", 6)
+    for _ in range(3):
+        pieces.update(a_batch())
+    for name in ("actor", "critic", "target_actor", "target_critic"):
+        found, expected = (getattr(of, name).parameters for of in (pieces, whole))
+        torch.testing.assert_close(found, expected, rtol=1e-4, atol=1e-5)
+
+
+def test_the_learner_of_some_seeds_updates_theirs_alone():
+    together, apart = a_learner(seeds=3), a_learner(seeds=3)
+    parts = [apart.of_seeds(0, 1), apart.of_seeds(1, 3)]
+    for _ in range(3):
+        together.update(a_batch(3))
+        for part, rows in zip(parts, a_batch(3).split([1, 2]), strict=True):
+            part.update(rows)
+    for name in ("actor", "critic", "target_actor", "target_critic"):
+        found, expected = (getattr(of, name).parameters for of in (apart, together))
+        assert torch.equal(found, expected)
 
 
 def test_without_target_networks_the_online_ones_serve():

@@ -67,8 +67,8 @@ def test_a_pickle_posing_as_a_policy_is_refused_unexecuted(policy, tmp_path):
         ("not json", "does not describe a policy"),
         ('{"format": "something else"}', "its format is not"),
         ("[]", "its format is not"),
-        ('{"format": "hac_suite.policy/1", "horizons": "ten"}', "horizons is 'ten'"),
-        ('{"format": "hac_suite.policy/1", "horizons": [4, 3, 2]}', "network for level 2"),
+        ('{"format": "hac_suite.policy/2", "horizons": "ten"}', "horizons is 'ten'"),
+        ('{"format": "hac_suite.policy/2", "horizons": [4, 3, 2]}', "network for level 2"),
     ],
 )
 def test_a_damaged_description_is_named(policy, tmp_path, description, message):

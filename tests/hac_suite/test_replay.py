@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+import torch
 
 from hac_suite.replay import Replay, RowLayout
 from hac_suite.transitions import REGULAR, Transitions
@@ -52,6 +53,18 @@ def test_samples_are_uniform_over_what_a_seed_holds():
     replay.add(0, rows(*range(5)))
     replay.add(1, rows(*range(20)))
     chosen = replay.sample_indices([np.random.default_rng(s) for s in (1, 2)], 50, 40).numpy()
-    first, second = chosen[:, :40], chosen[:, 40:] - 100
+    first, second = chosen[:, 0], chosen[:, 1]
     assert np.bincount(first.ravel()) == pytest.approx(np.full(5, 400), rel=0.2)
     assert np.bincount(second.ravel()) == pytest.approx(np.full(20, 100), rel=0.4)
+
+
+def test_batches_are_the_rows_of_the_seeds_chosen_from():
+    replay = Replay(3, 10, RowLayout.of(SPEC))
+    for seed in range(3):
+        replay.add(seed, rows(*(100 * seed + n for n in range(10))))
+    indices = torch.tensor([[[0, 9, 3], [1, 1, 2]], [[5, 5, 5], [8, 7, 6]]])
+    found = [batch[..., 0].tolist() for batch in replay.batches(indices, start=1)]
+    assert found == [
+        [[100, 109, 103], [201, 201, 202]],
+        [[105, 105, 105], [208, 207, 206]],
+    ]

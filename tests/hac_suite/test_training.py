@@ -68,8 +68,9 @@ def test_a_seed_alone_equals_that_seed_in_a_population(layers):
             assert same(ours.policies[0], theirs.policies[position])
 
 
-def test_batches_that_do_not_fill_registers_keep_seeds_independent():
-    config = dataclasses.replace(FAST, batch_size=100)
+@pytest.mark.parametrize("batch_size", [37, 100])
+def test_batches_that_do_not_fill_registers_keep_seeds_independent(batch_size):
+    config = dataclasses.replace(FAST, batch_size=batch_size)
     (*_, together), (*_, alone) = run(config, [3, 1, 4], 1, 2), run(config, [1], 1, 2)
     assert same(alone.policies[0], together.policies[1])
 
