@@ -16,7 +16,7 @@ from hac_suite.networks import StackedMLP, in_whole_registers
 from hac_suite.replay import RowLayout
 from hac_suite.types import LevelSpec
 
-_CACHED_ROWS = 256  # of a batch, at a time
+_CACHED_ROWS = 256  # of a batch, at a time, on a CPU
 
 
 class BoundedCritic:
@@ -60,13 +60,21 @@ class UnboundedCritic:
 class Learner:
     """Actor, critic, their targets and optimisers of one level for S seeds."""
 
-    def __init__(self, spec: LevelSpec, config: Config, generators: list[torch.Generator]):
+    def __init__(
+        self,
+        spec: LevelSpec,
+        config: Config,
+        generators: list[torch.Generator],
+        device: torch.device | str = "cpu",
+    ):
         seeds, features = len(generators), spec.observation_dim + spec.goal_space.dim
         self._layout = RowLayout.of(spec)
         self._target_rate = config.target_rate
         self._saturation_penalty = config.saturation_penalty
-        self.actor = StackedMLP(seeds, (features, *config.hidden_sizes, spec.action_dim))
-        self.critic = StackedMLP(seeds, (features + spec.action_dim, *config.hidden_sizes, 1))
+        sizes = (*config.hidden_sizes, spec.action_dim)
+        self.actor = StackedMLP(seeds, (features, *sizes), device=device)
+        sizes = (*config.hidden_sizes, 1)
+        self.critic = StackedMLP(seeds, (features + spec.action_dim, *sizes), device=device)
         for seed, generator in enumerate(generators):
             self.actor.initialise(seed, generator)
             self.critic.initialise(seed, generator)
@@ -95,7 +103,7 @@ class Learner:
     def update(self, rows: torch.Tensor) -> None:
         """One step of critic, actor and targets on rows [S, B, width] (overwritten)."""
         batch = rows.shape[1]
-        pieces = rows.split(_CACHED_ROWS, dim=1)
+        pieces = rows.split(_CACHED_ROWS if rows.device.type == "cpu" else batch, dim=1)
         for first, piece in enumerate(pieces):
             self._critic_gradient(piece, batch, accumulate=first > 0)
         self.critic_optimiser.step()

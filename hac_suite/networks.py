@@ -87,6 +87,14 @@ class StackedMLP:
         """A copy that uses the same buffers: neither can go backward after the other's forward."""
         return self._like(self.parameters.clone(), self.gradient)
 
+    def on_cpu(self) -> "StackedMLP":
+        """Itself, or where it is on a GPU a copy of now, for environments to act with."""
+        if self.parameters.device.type == "cpu":
+            return self
+        copy = StackedMLP(len(self.parameters), (*self.sizes[:-1], self.outputs))
+        copy.parameters.copy_(self.parameters)
+        return copy
+
     def _like(self, parameters: torch.Tensor, gradient: torch.Tensor) -> "StackedMLP":
         other = object.__new__(StackedMLP)
         other.sizes, other.outputs, other._shapes = self.sizes, self.outputs, self._shapes

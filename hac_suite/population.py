@@ -14,6 +14,7 @@ from hac_suite.networks import StackedMLP
 from hac_suite.policy import Policy, as_actor
 from hac_suite.record import Round
 from hac_suite.replay import Replay, RowLayout
+from hac_suite.rounds import CapturedRound
 from hac_suite.types import Actor, LevelSpec, VectorEnv, level_specs
 
 _SEEDS_AT_A_TIME = 5
@@ -23,21 +24,30 @@ class Population:
     """S agents of the same shape, one per seed; nothing is shared between them."""
 
     def __init__(
-        self, env: VectorEnv, config: Config, horizons: tuple[int, ...], seeds: Sequence[int]
+        self,
+        env: VectorEnv,
+        config: Config,
+        horizons: tuple[int, ...],
+        seeds: Sequence[int],
+        device: torch.device | str = "cpu",
     ):
+        """`device` is where networks and replay buffers are; environments and actors stay here."""
         self.seeds, self.config, self.horizons = tuple(seeds), config, horizons
         self.levels: tuple[LevelSpec, ...] = level_specs(env, horizons)
         self._spaces = (env.goal_space, env.subgoal_space)
         self.learners = [
-            Learner(spec, config, self._torch_streams(level))
+            Learner(spec, config, self._torch_streams(level), device)
             for level, spec in enumerate(self.levels)
         ]
         self.replays = [
-            Replay(len(self.seeds), config.replay_capacity, RowLayout.of(spec))
+            Replay(len(self.seeds), config.replay_capacity, RowLayout.of(spec), device)
             for spec in self.levels
         ]
-        # A few seeds at a time do their whole round: what they need stays in the cache.
-        edges = [*range(0, len(self.seeds), _SEEDS_AT_A_TIME), len(self.seeds)]
+        # On a CPU a few seeds at a time do their whole round: what they need stays in the cache.
+        on_cpu = torch.device(device).type == "cpu"
+        stride = _SEEDS_AT_A_TIME if on_cpu else len(self.seeds)
+        self._round = self._update if on_cpu else CapturedRound(self._update)
+        edges = [*range(0, len(self.seeds), stride), len(self.seeds)]
         self._parts = [
             [(a, b, learner.of_seeds(a, b)) for a, b in itertools.pairwise(edges)]
             for learner in self.learners
@@ -64,7 +74,7 @@ class Population:
         return self._actors(self.tested_networks())
 
     def _actors(self, networks: list[StackedMLP]) -> list[Actor]:
-        return [as_actor(n, spec) for n, spec in zip(networks, self.levels, strict=True)]
+        return [as_actor(n.on_cpu(), spec) for n, spec in zip(networks, self.levels, strict=True)]
 
     def policies(self) -> list[Policy]:
         """A copy of each seed's agent, as tested."""
@@ -91,12 +101,18 @@ class Population:
         """A round of updates on every level."""
         config = self.config
         updates = config.updates_per_episode * config.episodes_per_round
-        for replay, streams, parts in zip(
-            self.replays, self._replay_streams, self._parts, strict=True
-        ):
-            indices = replay.sample_indices(streams, updates, config.batch_size)
+        self._round(
+            [
+                replay.sample_indices(streams, updates, config.batch_size)
+                for replay, streams in zip(self.replays, self._replay_streams, strict=True)
+            ]
+        )
+
+    def _update(self, indices: Sequence[torch.Tensor]) -> None:
+        """Updates on the replayed rows of these indices, per level [updates, S, B]."""
+        for replay, parts, chosen in zip(self.replays, self._parts, indices, strict=True):
             for start, stop, learner in parts:
-                for rows in replay.batches(indices[:, start:stop], start):
+                for rows in replay.batches(chosen[:, start:stop], start):
                     learner.update(rows)
 
     def diagnose(self, period: int) -> list[dict[str, list[float]]]:

@@ -55,12 +55,19 @@ class RowLayout(NamedTuple):
 class Replay:
     """Rings of rows, one per seed; the oldest rows are overwritten first."""
 
-    def __init__(self, seeds: int, capacity: int, layout: RowLayout):
+    def __init__(
+        self,
+        seeds: int,
+        capacity: int,
+        layout: RowLayout,
+        device: torch.device | str = "cpu",
+    ):
         self.layout = layout
         self.capacity = capacity
         # Zeros, since a seed without a transition yet (all diverged) learns from a blank row; and
         # numpy's, whose pages take memory only once they are written.
         self.rows = torch.from_numpy(np.zeros((seeds, capacity, layout.width), np.float32))
+        self.rows = self.rows.to(device)
         self.added = np.zeros(seeds, np.int64)
 
     @property
@@ -87,7 +94,7 @@ class Replay:
             generator.integers(0, max(size, 1), (updates, batch))
             for generator, size in zip(generators, self.sizes, strict=True)
         ]
-        return torch.from_numpy(np.stack(drawn, axis=1))
+        return torch.from_numpy(np.stack(drawn, axis=1)).to(self.rows.device)
 
     def batches(self, indices: torch.Tensor, start: int = 0) -> Iterator[torch.Tensor]:
         """Each update's rows [S', B, width] of seeds start, start + 1, ..., in one buffer.
@@ -99,9 +106,9 @@ class Replay:
         table = self.rows[start : start + seeds].view(-1, self.layout.width)
         # Filled up so that every seed's rows begin alike aligned; see networks.ALIGNED.
         filled = functional.pad(indices, (0, -batch % ALIGNED))
-        flat = filled + torch.arange(seeds)[:, None] * self.capacity
+        flat = filled + torch.arange(seeds, device=table.device)[:, None] * self.capacity
         # Memory fresh from the system costs several times what the copy does: one buffer for all.
-        buffer = torch.empty(flat[0].numel(), self.layout.width)
+        buffer = table.new_empty(flat[0].numel(), self.layout.width)
         for chosen in flat:
             torch.index_select(table, 0, chosen.view(-1), out=buffer)
             yield buffer.view(seeds, -1, self.layout.width)[:, :batch]

@@ -5,6 +5,7 @@ from collections.abc import Callable, Iterator, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
+import torch
 
 from hac_suite import exploration
 from hac_suite.config import Config
@@ -43,6 +44,7 @@ def train(
     horizons: tuple[int, ...],
     periods: int,
     on_progress: Callable[[Progress], None] | None = None,
+    device: torch.device | str = "cpu",
 ) -> Iterator[PeriodResult]:
     """Trains one agent per seed; yields each test period, the untrained one (period 0) first.
 
@@ -51,6 +53,7 @@ def train(
     Args:
         make_env: makes a vectorised environment of the given size.
         horizons: (T_0, ..., T_n), n = subgoal_layers.
+        device: where the agents learn; "cuda" takes a round of updates as one CUDA graph.
 
     Raises:
         ValueError: seeds repeat, or horizons do not match subgoal_layers.
@@ -59,7 +62,8 @@ def train(
         raise ValueError(f"Seeds must be given and differ from each other: {list(seeds)}.")
     if len(horizons) != subgoal_layers + 1:
         raise ValueError(f"{subgoal_layers} subgoal layers need {subgoal_layers + 1} horizons.")
-    return _Training(make_env, config, tuple(seeds), horizons, on_progress).run(periods)
+    training = _Training(make_env, config, tuple(seeds), horizons, on_progress, device)
+    return training.run(periods)
 
 
 class _Tally:
@@ -116,12 +120,13 @@ class _Training:
         seeds: tuple[int, ...],
         horizons: tuple[int, ...],
         on_progress: Callable[[Progress], None] | None,
+        device: torch.device | str = "cpu",
     ):
         self._config, self._seeds, self._horizons = config, seeds, horizons
         self._on_progress = on_progress
         self._env = make_env(len(seeds) * config.episodes_per_round)
         self._test_env = make_env(len(seeds) * config.test_episodes)
-        self._population = Population(self._env, config, horizons, seeds)
+        self._population = Population(self._env, config, horizons, seeds, device)
         self._test_seeds = self._episode_seeds(Purpose.TEST_EPISODE, 0, config.test_episodes)
         self._episodes = 0
         self._steps = np.zeros(len(seeds), np.int64)

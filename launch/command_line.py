@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
+import torch
 from absl import flags
 from ml_collections import ConfigDict, config_flags
 
@@ -43,6 +44,7 @@ class Request(NamedTuple):
     out: Path
     workers: int  # 0: one for each core
     video: bool
+    device: str
     config: hac_suite.Config
 
 
@@ -109,6 +111,13 @@ def _flags() -> flags.FlagValues:
         "local: on this machine; ray is not built yet",
         values,
     )
+    flags.DEFINE_enum(
+        "device",
+        "cpu",
+        ["cpu", "cuda", "auto"],
+        "where networks learn; auto: the GPU if there is one",
+        values,
+    )
     flags.DEFINE_boolean("video", True, "render a video of each agent", values)
     return values
 
@@ -127,8 +136,27 @@ def _request(values: flags.FlagValues, settings_given: ConfigDict) -> Request:
         out=Path(values.out),
         workers=values.workers,
         video=values.video,
+        device=_device(values.device),
         config=settings.to_config(settings_given),
     )
+
+
+def _device(word: str) -> str:
+    """cpu or cuda.
+
+    Raises:
+      CommandError: a GPU is asked for where torch sees none.
+    """
+    if torch.cuda.is_available():
+        return "cuda" if word == "auto" else word
+    if word == "cuda":
+        build = torch.version.cuda
+        why = f"built for CUDA {build}, sees no GPU" if build else "is built without CUDA"
+        raise errors.CommandError(
+            f"flag --device=cuda: the installed torch {torch.__version__} {why}; "
+            "--device=auto takes a GPU only where there is one"
+        )
+    return "cpu"
 
 
 def _subgoal_layers(words: Sequence[str]) -> tuple[int, ...]:

@@ -37,7 +37,7 @@ def run(request: Request, command: Sequence[str], *, work=training.train_job) ->
         _lock(list(folders.values()), request, held)
         workers = request.workers or manifest.cores()
         manifests = {
-            task: manifest.add_launch(_manifest(folder, request), command, workers)
+            task: manifest.add_launch(_manifest(folder, request), command, workers, request.device)
             for task, folder in folders.items()
         }
         recorder = Recorder(folders, manifests, console)
@@ -149,6 +149,7 @@ def _plan(task: str, request: Request, recorder: Recorder) -> training.Plan:
         config=request.config,
         horizons={layers: tuple(horizons[str(layers)]) for layers in request.subgoal_layers},
         periods=request.periods,
+        device=request.device,
     )
 
 

@@ -35,20 +35,21 @@ def new(task: str, max_steps: int, config: Mapping[str, Any]) -> Manifest:
     }
 
 
-def add_launch(manifest: Manifest, command: Sequence[str], workers: int) -> Manifest:
+def add_launch(manifest: Manifest, command: Sequence[str], workers: int, device: str) -> Manifest:
     """The manifest with a launch that begins now: its command, versions and machine."""
     launch = {
         "command": ["python", *command],
         "started": now(),
         "finished": None,  # stays None where a signal, a kill or a full disk ended the launch
         "workers": workers,
+        "device": device,
         "commit": _commit(),
         "versions": versions(),
         "machine": machine(),
     }
     earlier = manifest["earlier_launches"]
     if "command" in manifest:
-        earlier = [*earlier, {name: manifest[name] for name in launch}]
+        earlier = [*earlier, {name: manifest.get(name) for name in launch}]
     return {**manifest, **launch, "earlier_launches": earlier}
 
 

@@ -30,6 +30,7 @@ class Plan(NamedTuple):
     config: hac_suite.Config
     horizons: Mapping[int, tuple[int, ...]]  # by number of subgoal layers
     periods: int
+    device: str = "cpu"  # or "cuda"
 
 
 def train_job(job: Job, send: Send, *, plans: Mapping[str, Plan]) -> None:
@@ -50,6 +51,7 @@ def train_job(job: Job, send: Send, *, plans: Mapping[str, Plan]) -> None:
         horizons=plan.horizons[subgoal_layers],
         periods=plan.periods,
         on_progress=send,
+        device=plan.device,
     )
     for result in results:
         rows = [{"task": task, **row} for row in result.rows]

@@ -3,6 +3,7 @@
 import sys
 
 import pytest
+import torch
 
 import hac_suite
 import tasks
@@ -69,6 +70,7 @@ def test_overrides_change_one_field_each():
         ("--workers=-1", "--workers=-1"),
         ("--executor=ray", "--executor=ray: the Ray executor is not built yet"),
         ("--executor=rai", "--executor=rai: value should be one of <local|ray>"),
+        ("--device=gpu", "--device=gpu: value should be one of <cpu|cuda|auto>"),
         ("pick_place", "unexpected word 'pick_place'"),
         ("--config=nope.py", "no config file 'nope.py'; there are launch/configs/paper.py"),
         ("--config nope.py", "no config file 'nope.py'; there are launch/configs/paper.py"),
@@ -87,6 +89,19 @@ def test_bad_input_is_answered_in_one_line(word, answer):
         parse(*word.split(" ", 1) if word.startswith("--config ") else [word])
     assert answer in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+def test_a_gpu_is_taken_only_where_there_is_one(monkeypatch):
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
+    assert (parse().device, parse("--device=auto").device) == ("cpu", "cpu")
+    with pytest.raises(CommandError, match=r"--device=cuda: the installed torch .*--device=auto"):
+        parse("--device=cuda")
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
+    assert [parse(f"--device={word}").device for word in ("cpu", "cuda", "auto")] == [
+        "cpu",
+        "cuda",
+        "cuda",
+    ]
 
 
 @pytest.mark.parametrize(

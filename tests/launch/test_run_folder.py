@@ -222,9 +222,9 @@ def test_an_out_that_is_a_file_is_answered(tmp_path):
 
 def test_a_manifest_survives_the_disk_and_keeps_earlier_launches(tmp_path):
     path = tmp_path / "manifest.json"
-    first = manifest.add_launch(manifest.new("pick_place", 400, {"sizes": [1, 2]}), ["a"], 2)
+    first = manifest.add_launch(manifest.new("pick_place", 400, {"sizes": [1, 2]}), ["a"], 2, "cpu")
     manifest.write(path, first)
-    second = manifest.add_launch(manifest.read(path), ["b"], 1)
+    second = manifest.add_launch(manifest.read(path), ["b"], 1, "cpu")
     assert second["command"] == ["python", "b"]
     assert [launch["command"] for launch in second["earlier_launches"]] == [["python", "a"]]
     assert second["versions"]["mujoco"] and second["machine"]["cores"] >= 1
@@ -239,7 +239,7 @@ def test_the_report_shows_the_commands_that_the_manifest_records(folder):
     results.append(folder.results, [row(0, 0)])
     recorded = manifest.new("pick_place", 400, {})
     for seeds in ("--seeds=1", "--seeds=2"):
-        recorded = manifest.add_launch(recorded, ["launch/run.py", seeds], 2)
+        recorded = manifest.add_launch(recorded, ["launch/run.py", seeds], 2, "cpu")
     manifest.write(folder.manifest, recorded)
     expected = "<pre>python launch/run.py --seeds=1\npython launch/run.py --seeds=2</pre>"
     assert expected in write_report(folder.path).read_text()
