@@ -1,0 +1,181 @@
+"""Every claim of the paper's section 4 against the published results: supported, or not.
+
+Run as `python -m analysis.claims`.
+"""
+
+import argparse
+import dataclasses
+import json
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+from analysis import grid
+from analysis.evidence import ALPHA, LEAST_SEEDS, MARGIN, Claim, Evidence
+from analysis.files import write_atomically
+from analysis.learning_claims import CONSISTENT, STEPS_BAND, judge_learning
+from analysis.subgoal_claims import NEAR, judge_subgoals
+
+NAME = "claims"
+WHY_FILE = "claims_why.json"
+"""What we think is why, by the letter of the claim: written by hand, shown beside the verdicts."""
+
+HEADINGS = ("claim", "verdict", "measured", "seeds", "quantity", "where")
+COLUMNS = (
+    "claim", "task", "agents", "quantity", "unit", "seeds", "value", "low", "high", "p", "p_holm",
+    "verdict",
+)  # fmt: skip
+
+METHOD = (
+    "Agents are named by their number of subgoal layers. The seed is the unit everywhere. "
+    "Intervals are 95% bootstrap intervals (BCa) of means over seeds, resampled within each task "
+    "and agent; of counted seeds, exact binomial ones. An interval of no width means that all "
+    "seeds agree, not that more seeds would.",
+    "Areas, and episodes to 80%, end where the first seed of a task does; a seed that never gets "
+    "to 80% counts as taking until then. p values: permutation test for areas, Mann-Whitney "
+    "for the probability of improvement, log-rank for episodes, sign flips for falls.",
+    f"(a), (c), (e): a gain is supported if it is positive at p < {ALPHA} after Holm's correction "
+    f"over the claim's comparisons; not supported if its interval ends below {100 * MARGIN:.0f} "
+    "points; else undecided. Probability of improvement and episodes are shown beside it, "
+    "uncorrected, and decide nothing.",
+    f"(b): supported on a task if the share of seeds above {CONSISTENT:.0%} is below "
+    f"{CONSISTENT:.0%} at p < {ALPHA} (binomial, Holm); not supported if it reaches "
+    f"{CONSISTENT:.0%}.",
+    f"(d): supported if the interval of the ratio lies within {STEPS_BAND[0]} to {STEPS_BAND[1]}, "
+    "not supported if it lies outside. (f), (g): supported if the interval of the share lies above "
+    "one half, not supported if below. A claim about all of these needs each of them, so that no "
+    f"correction is due. (g) calls a subgoal near within a rod's length, {100 * NEAR:.0f} cm.",
+    f"Fewer than {LEAST_SEEDS} seeds decide nothing. A claim about every task is not supported if "
+    "one task speaks against it.",
+)
+
+
+def judge(folder: Path) -> list[Claim]:
+    """The paper's claims (a) to (g), judged from a folder of run folders.
+
+    Raises:
+      ValueError: none of the tasks has results, or a file is damaged.
+    """
+    return [*judge_learning(grid.load_grid(folder)), *judge_subgoals(folder)]
+
+
+def table_of(claims: Sequence[Claim]) -> pd.DataFrame:
+    """A row for each measured quantity, `COLUMNS`; the claim's own is in the row of task "all"."""
+    rows = []
+    for claim in claims:
+        own = {} if claim.headline is None else _row(claim, claim.headline)
+        rows.append(own | {"claim": claim.letter, "task": "all", "verdict": claim.verdict})
+        rows += [_row(claim, item) for item in claim.evidence]
+    return pd.DataFrame(rows, columns=list(COLUMNS))
+
+
+def _row(claim: Claim, item: Evidence) -> dict[str, Any]:
+    seeds = " ".join(map(str, item.seeds))
+    return dataclasses.asdict(item) | {"claim": claim.letter, "seeds": seeds}
+
+
+def as_markdown(claims: Sequence[Claim], why: Mapping[str, str]) -> str:
+    """The claims, each with its verdict, its reason and ours; all evidence; how it was judged."""
+    lines = ["# The paper's claims, and what our runs say", ""]
+    lines += _markdown_table(HEADINGS, map(_summary, claims))
+    for claim in claims:
+        lines += ["", f"## ({claim.letter}) {claim.statement}", ""]
+        lines += [f"**{claim.verdict.capitalize()}**: {claim.reason}.", ""]
+        if claim.letter in why:
+            lines += [f"What we think is why: {why[claim.letter]}", ""]
+        if claim.evidence:
+            headings = ("task", "agents", "quantity", "seeds", "value", "p (Holm)", "verdict")
+            lines += _markdown_table(headings, map(_detail, claim.evidence))
+    return "\n".join([*lines, "", "## How to read this", "", *(f"- {item}" for item in METHOD), ""])
+
+
+def _summary(claim: Claim) -> tuple[str, ...]:
+    item = claim.headline
+    measured = ("-",) * 4 if item is None else (
+        item.shown, _seeds(item), item.quantity, f"{item.task}: {item.agents}"
+    )  # fmt: skip
+    return (f"({claim.letter})", claim.verdict, *measured)
+
+
+def _detail(item: Evidence) -> tuple[str, ...]:
+    p = "-" if math.isnan(item.p) else f"{item.p:.2g}"
+    if not math.isnan(item.p_holm):
+        p += f" ({item.p_holm:.2g})"
+    verdict = item.verdict or "-"
+    return (item.task, item.agents, item.quantity, _seeds(item), item.shown, p, verdict)
+
+
+def _seeds(item: Evidence) -> str:
+    return " and ".join(map(str, item.seeds))
+
+
+def _markdown_table(
+    headings: Sequence[str], rows: Iterator[tuple[str, ...]] | Sequence[tuple[str, ...]]
+) -> list[str]:
+    cells = [tuple(headings), ("---",) * len(headings), *rows]
+    return [f"| {' | '.join(row)} |" for row in cells]
+
+
+def _as_json(claims: Sequence[Claim], why: Mapping[str, str]) -> str:
+    """Everything, for programs; NaN, which JSON does not know, as null."""
+    described = [dataclasses.asdict(claim) | {"why": why.get(claim.letter)} for claim in claims]
+    return json.dumps(_without_nan({"claims": described, "method": METHOD}), indent=1) + "\n"
+
+
+def _without_nan(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _without_nan(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_without_nan(item) for item in value]
+    return None if isinstance(value, float) and math.isnan(value) else value
+
+
+def _read_why(folder: Path) -> dict[str, str]:
+    path = folder / WHY_FILE
+    if not path.exists():
+        return {}
+    try:
+        why = json.loads(path.read_text(encoding="utf-8"))
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from error
+    if not isinstance(why, dict) or not all(isinstance(text, str) for text in why.values()):
+        raise ValueError(f"{path}: it is to hold texts by the letter of their claim")
+    return why
+
+
+def write_claims(claims: Sequence[Claim], why: Mapping[str, str], output: Path) -> list[Path]:
+    """Writes claims.csv, .json and .md into `output`; returns their paths."""
+    output.mkdir(parents=True, exist_ok=True)
+    table, described, page = (output / f"{NAME}{suffix}" for suffix in (".csv", ".json", ".md"))
+    write_atomically(table, lambda path: table_of(claims).to_csv(path, index=False))
+    write_atomically(described, lambda path: path.write_text(_as_json(claims, why)))
+    write_atomically(page, lambda path: path.write_text(as_markdown(claims, why)))
+    return [table, described, page]
+
+
+def main(argv: Sequence[str] | None = None) -> None:
+    """Command line: prints a row per claim and writes the files; exit status 2 when it cannot."""
+    parser = argparse.ArgumentParser(prog="python -m analysis.claims", description=__doc__)
+    parser.add_argument(
+        "--data", type=Path, default=grid.published(), help="holds a run folder per task"
+    )
+    parser.add_argument("--output", type=Path, help="a folder for the files; if not given, --data")
+    arguments = parser.parse_args(argv)
+    try:
+        claims, why = judge(arguments.data), _read_why(arguments.data)
+        paths = write_claims(claims, why, arguments.output or arguments.data)
+    except (OSError, ValueError) as error:
+        parser.error(str(error))
+    for claim in claims:
+        print(f"({claim.letter}) {claim.statement}\n    {claim.verdict.upper()}: {claim.reason}")
+        if claim.headline is not None:
+            item = claim.headline
+            print(f"    {item.quantity}, {item.task}, {item.agents}: {item.shown}")
+    print(*paths, sep="\n")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,206 @@
+"""Records what policies' subgoals come to: `python launch/record_subgoals.py --task=TASK`."""
+
+import csv
+import json
+import os
+import sys
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+from absl import flags
+
+if __name__ == "__main__":
+    sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
+    os.environ["MUJOCO_GL"] = "disabled"
+
+import numpy as np
+
+import hac_suite
+import tasks
+from analysis.files import write_atomically
+from launch import flag_parsing, policies
+from launch.errors import CommandError, unknown
+from launch.subgoal_log import Replay, replay
+
+SUBGOALS_FILE, ANATOMY_FILE = "subgoals.csv", "anatomy.json"
+
+_DIGITS = 3  # millimetres
+# Observed quantities that a claim about the task's subgoals needs beside positions.
+_CONDITIONS = {"pick_place": ("attached",)}
+_HELP = """Replays test episodes of trained policies and records their subgoals for the analysis.
+
+  python launch/record_subgoals.py --task=ur5_reacher --output=analysis/data/grid/ur5_reacher
+
+writes subgoals.csv, the top level's subgoals of every policy, for `python -m analysis.claims`, and
+anatomy.json, one whole episode of each agent, for `python -m analysis.anatomy`.
+
+Flags:
+{flags}
+
+Exit status: 0 the files are written; 2 the command was wrong."""
+
+
+def main(argv: Sequence[str]) -> int:
+    """Carries out a command; returns the exit status that --help states."""
+    values = _flags()
+    try:
+        flag_parsing.parse(values, argv)
+        if values.task not in tasks.ALL:
+            raise CommandError(unknown("task", values.task, tasks.ALL))
+        run = Path("runs", values.task)
+        folder = run / "policies" if values.policies is None else Path(values.policies)
+        found = [policy for policy in policies.find(folder) if policy.task == values.task]
+        if not found:
+            raise CommandError(f"{folder} holds no policies of {values.task}")
+        output = run if values.output is None else Path(values.output)
+        for path in record(found, output, values.episodes):
+            print(path)
+    except flag_parsing.HelpRequested:
+        print(_HELP.format(flags=flag_parsing.describe(values)))
+    except CommandError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 2
+    return 0
+
+
+def _flags() -> flags.FlagValues:
+    values = flags.FlagValues()
+    flags.DEFINE_string("task", "pick_place", "which task", values)
+    flags.DEFINE_string("policies", None, "their folder; if not given, runs/TASK/policies", values)
+    flags.DEFINE_string("output", None, "folder for the files; if not given, runs/TASK", values)
+    flag_parsing.define_count(values, "episodes", 32, "test episodes of each policy", least=1)
+    return values
+
+
+def record(found: Sequence[policies.Found], output: Path, episodes: int) -> list[Path]:
+    """Replays all these policies of one task and writes both files into `output`.
+
+    Raises:
+      CommandError: a policy cannot be loaded or run.
+    """
+    replays = [_replay(policy.path, episodes) for policy in found]
+    output.mkdir(parents=True, exist_ok=True)
+    table, anatomy = output / SUBGOALS_FILE, output / ANATOMY_FILE
+    write_atomically(table, lambda path: _write_table(replays, path))
+    episode_of_each_agent = [_typical(replays, layers) for layers in _agents(found)]
+    described = json.dumps(_anatomy(episode_of_each_agent))
+    write_atomically(anatomy, lambda path: path.write_text(described + "\n", encoding="utf-8"))
+    return [table, anatomy]
+
+
+def _agents(found: Sequence[policies.Found]) -> list[int]:
+    return sorted({policy.subgoal_layers for policy in found})
+
+
+def _replay(path: Path, episodes: int) -> Replay:
+    try:
+        return replay(hac_suite.Policy.load(path), episodes)
+    except (KeyError, TypeError, ValueError) as error:
+        raise CommandError(f"policy {path}: {error}") from error
+
+
+def _write_table(replays: Sequence[Replay], path: Path) -> None:
+    """A row per subgoal of the top level, policy by policy, in the order of time."""
+    task = replays[0].policy.metadata["task"]
+    env = tasks.load_vector(task, 1)
+    space, goals = env.subgoal_space.names, env.goal_space.names
+    env.close()
+    conditions = _condition_columns(task)
+    with path.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(
+            ["task", "subgoal_layers", "seed", "episode", "level", "step", "end_step", "outcome"]
+            + [f"{kind}_{name}" for kind in ("subgoal", "start", "end") for name in space]
+            + [f"goal_{name}" for name in goals]
+            + list(conditions)
+        )
+        for played in replays:
+            writer.writerows(_rows(played, list(conditions.values())))
+
+
+def _rows(played: Replay, conditions: list[int]) -> Iterator[list[Any]]:
+    metadata, top = played.policy.metadata, played.policy.subgoal_layers
+    own = [subgoal for subgoal in played.subgoals if subgoal.level == top]
+    for s in sorted(own, key=lambda s: (s.episode, s.step)):
+        places = [*s.subgoal, *s.start, *s.end, *played.goal[s.episode], *s.observation[conditions]]
+        yield [
+            metadata["task"], top, metadata["seed"],
+            s.episode, s.level, s.step, s.end_step, s.outcome,
+            *(f"{value:.{_DIGITS}f}" for value in places),
+        ]  # fmt: skip
+
+
+def _condition_columns(task: str) -> dict[str, int]:
+    """Columns of the observation that hold the task's `_CONDITIONS`, by name."""
+    names = _CONDITIONS.get(task, ())
+    with tasks.load(task) as env:
+        parts = env.task.observation_parts(env.task.readings(env.physics))
+    ends = dict(zip(parts, np.cumsum([part.size for part in parts.values()]), strict=True))
+    return {name: int(ends[name]) - 1 for name in names}
+
+
+def _typical(replays: Sequence[Replay], layers: int) -> tuple[Replay, int]:
+    """An agent's replay and episode to show: as `policies.typical`, a success where there is one.
+
+    Of its episodes, one that takes a median number of steps.
+    """
+    own = [played for played in replays if played.policy.subgoal_layers == layers]
+    by_success = sorted(own, key=lambda played: played.stats.success.mean())
+    median = by_success.pop(len(by_success) // 2)
+    for played in (median, *reversed(by_success)):
+        won = np.flatnonzero(played.stats.success)
+        if len(won):
+            order = won[np.argsort(played.stats.steps[won], kind="stable")]
+            return played, int(order[len(order) // 2])
+    return median, 0
+
+
+def _anatomy(chosen: Sequence[tuple[Replay, int]]) -> dict[str, Any]:
+    """The episodes with all their subgoals, and the spaces that these are points of."""
+    task = chosen[0][0].policy.metadata["task"]
+    env = tasks.load_vector(task, 1)
+    spaces = {"subgoal_space": env.subgoal_space, "goal_space": env.goal_space}
+    described = {
+        name: {
+            "names": list(space.names),
+            "units": list(space.units),
+            "threshold": space.threshold.tolist(),
+        }
+        for name, space in spaces.items()
+    }
+    step = env.control_timestep
+    env.close()
+    episodes = [_episode(played, index) for played, index in chosen]
+    return {"task": task, "control_timestep": step, **described, "episodes": episodes}
+
+
+def _episode(played: Replay, index: int) -> dict[str, Any]:
+    steps = int(played.stats.steps[index])
+    return {
+        "subgoal_layers": played.policy.subgoal_layers,
+        "seed": played.policy.metadata["seed"],
+        "episode": index,
+        "success": bool(played.stats.success[index]),
+        "goal": _rounded(played.goal[index]),
+        "path": [_rounded(point) for point in played.path[: steps + 1, index]],
+        "subgoals": [
+            {
+                "level": subgoal.level,
+                "step": subgoal.step,
+                "end_step": subgoal.end_step,
+                "outcome": subgoal.outcome,
+                "subgoal": _rounded(subgoal.subgoal),
+            }
+            for subgoal in sorted(played.subgoals, key=lambda s: (s.level, s.step))
+            if subgoal.episode == index
+        ],
+    }
+
+
+def _rounded(point: np.ndarray) -> list[float]:
+    return [round(float(value), _DIGITS) for value in point]
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv))
