@@ -16,6 +16,7 @@ from hac_suite.networks import StackedMLP, in_whole_registers
 from hac_suite.replay import RowLayout
 from hac_suite.types import LevelSpec
 
+_TENTH = 10.0
 _CACHED_ROWS = 256  # of a batch, at a time, on a CPU
 
 
@@ -58,7 +59,7 @@ class UnboundedCritic:
 
 
 class Learner:
-    """Actor, critic, their targets and optimisers of one level for S seeds."""
+    """Actor, critic, their targets, averages and optimisers of one level for S seeds."""
 
     def __init__(
         self,
@@ -70,6 +71,7 @@ class Learner:
         seeds, features = len(generators), spec.observation_dim + spec.goal_space.dim
         self._layout = RowLayout.of(spec)
         self._target_rate = config.target_rate
+        self._tested_rate = config.tested_actor_rate
         self._saturation_penalty = config.saturation_penalty
         sizes = (*config.hidden_sizes, spec.action_dim)
         self.actor = StackedMLP(seeds, (features, *sizes), device=device)
@@ -80,6 +82,7 @@ class Learner:
             self.critic.initialise(seed, generator)
         self.target_actor = self.actor.twin() if config.target_rate else self.actor
         self.target_critic = self.critic.twin() if config.target_rate else self.critic
+        self.tested_actor = self.actor.twin() if config.tested_actor_rate else self.actor
         self.critic_kind = (
             BoundedCritic(spec.attempts, config.initial_q)
             if config.bounded_critic
@@ -93,9 +96,12 @@ class Learner:
         part = copy.copy(self)
         part.actor, part.critic = (n.of_seeds(start, stop) for n in (self.actor, self.critic))
         part.target_actor, part.target_critic = part.actor, part.critic
+        part.tested_actor = part.actor
         if self._target_rate:
             part.target_actor = self.target_actor.of_seeds(start, stop)
             part.target_critic = self.target_critic.of_seeds(start, stop)
+        if self._tested_rate:
+            part.tested_actor = self.tested_actor.of_seeds(start, stop)
         part.actor_optimiser = self.actor_optimiser.of_seeds(start, stop, part.actor)
         part.critic_optimiser = self.critic_optimiser.of_seeds(start, stop, part.critic)
         return part
@@ -113,6 +119,11 @@ class Learner:
         if self._target_rate:
             self.target_actor.parameters.lerp_(self.actor.parameters, self._target_rate)
             self.target_critic.parameters.lerp_(self.critic.parameters, self._target_rate)
+        if self._tested_rate:
+            # Over the last tenth of the updates so far, until that is as long as the rate says.
+            recent = _TENTH / (self.actor_optimiser.steps + _TENTH)
+            share = recent.clamp_(min=self._tested_rate).unsqueeze(1)
+            self.tested_actor.parameters.lerp_(self.actor.parameters, share)
 
     def _now(self, rows: torch.Tensor) -> torch.Tensor:
         """[action | observation | goal | 1] of rows [S, B, width], feature-major."""

@@ -66,9 +66,8 @@ class Population:
         return self._actors([learner.actor for learner in self.learners])
 
     def tested_networks(self) -> list[StackedMLP]:
-        """The networks that test periods run: averaged ones where the config says so."""
-        averaged = self.config.test_averaged_actor
-        return [lr.target_actor if averaged else lr.actor for lr in self.learners]
+        """The networks that test periods run."""
+        return [learner.tested_actor for learner in self.learners]
 
     def tested_actors(self) -> list[Actor]:
         return self._actors(self.tested_networks())

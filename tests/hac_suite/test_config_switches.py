@@ -21,6 +21,7 @@ TINY = dataclasses.replace(
     learning_rate=1e-2,
     hidden_sizes=(16, 16),
     replay_capacity=2_000,
+    tested_actor_rate=0.05,
 )
 CHANGES = {
     "subgoal_test_rate": 0.6,
@@ -50,7 +51,7 @@ CHANGES = {
     "bounded_critic": False,
     "initial_q": -0.5,
     "target_rate": 0.5,
-    "test_averaged_actor": False,
+    "tested_actor_rate": 0.0,
 }
 FIELDS = [field.name for field in dataclasses.fields(Config)]
 
@@ -131,7 +132,7 @@ SOURCES = {
         "tested_subgoal_noise_free": False,
         "bounded_critic": False,
         "target_rate": 0.05,
-        "test_averaged_actor": True,
+        "tested_actor_rate": 0.05,
         "continue_after_goal": True,
         "test_until_horizon": True,
     },

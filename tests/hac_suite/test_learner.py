@@ -160,6 +160,18 @@ def test_the_learner_of_some_seeds_updates_theirs_alone():
         assert torch.equal(found, expected)
 
 
+def test_the_tested_actor_follows_at_its_rate_and_changes_nothing_else():
+    learner, other = a_learner(tested_actor_rate=0.8), a_learner(tested_actor_rate=0.0)
+    average = learner.actor.parameters.clone()
+    for share in (10 / 11, 10 / 12, 0.8, 0.8):  # 10 / (n + 10), but no less than the rate
+        learner.update(a_batch())
+        other.update(a_batch())
+        average += share * (learner.actor.parameters - average)
+    torch.testing.assert_close(learner.tested_actor.parameters, average)
+    assert torch.equal(learner.actor.parameters, other.actor.parameters)
+    assert other.tested_actor is other.actor
+
+
 def test_without_target_networks_the_online_ones_serve():
     learner = a_learner(target_rate=0.0)
     assert learner.target_actor is learner.actor
