@@ -1,0 +1,55 @@
+"""Subgoal anatomy: an episode of each agent, its path and every level's subgoals, as figures.
+
+Run as `python -m analysis.anatomy`.
+"""
+
+import argparse
+import functools
+from collections.abc import Sequence
+from pathlib import Path
+
+from analysis import grid, paper
+from analysis.anatomy_figure import draw_anatomy
+from analysis.episodes import load_episodes
+from analysis.figure import save_png
+from analysis.files import write_atomically
+from analysis.subgoals import COMMAND
+
+
+def write_anatomy(folder: Path, task: str, output: Path) -> list[Path]:
+    """Writes anatomy_<k>layers.png for each agent of a task; returns their paths.
+
+    Raises:
+      FileNotFoundError, ValueError: as `load_episodes`.
+    """
+    paths = []
+    for episode in load_episodes(folder, task):
+        output.mkdir(parents=True, exist_ok=True)
+        paths.append(output / f"anatomy_{episode.subgoal_layers}layers.png")
+        write_atomically(paths[-1], functools.partial(save_png, draw_anatomy(episode)))
+    return paths
+
+
+def main(argv: Sequence[str] | None = None) -> None:
+    """Command line: draws what was recorded, says what was not; exit status 2 when it cannot."""
+    parser = argparse.ArgumentParser(prog="python -m analysis.anatomy", description=__doc__)
+    parser.add_argument(
+        "--data", type=Path, default=grid.published(), help="holds a run folder per task"
+    )
+    parser.add_argument("--output", type=Path, help="a folder for the files; if not given, --data")
+    arguments = parser.parse_args(argv)
+    for task in paper.TITLES:
+        folder = arguments.data / task
+        try:
+            paths = write_anatomy(folder, task, (arguments.output or arguments.data) / task)
+        except FileNotFoundError:
+            command = COMMAND.format(task=task, folder=folder)
+            print(f"{task}: no episodes recorded in {folder}; make them with `{command}`")
+        except (OSError, ValueError) as error:
+            parser.error(str(error))
+        else:
+            print(*paths, sep="\n")
+
+
+if __name__ == "__main__":
+    main()
