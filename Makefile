@@ -13,7 +13,7 @@ help:
 	@echo "make run [TASK=pick_place] [SEEDS=10] [ARGS=...]   train, then draw curves and videos (TASK=all: all five)"
 	@echo "make demo      a minute of training, with its curve and a video"
 	@echo "make test      the quick tests;  make test-all: the slow ones as well"
-	@echo "make lint      ruff and mypy;    make bench: environment steps per second"
+	@echo "make lint      ruff and mypy;    make bench: speed against peers and limits (15 minutes)"
 	@echo "make doctor    what this machine can do, and how to mend what it cannot"
 
 setup: $(STAMP)
@@ -50,8 +50,8 @@ lint: $(STAMP)
 	$(BIN)/mypy
 
 bench: $(STAMP)
-	@echo "==> bench: environment steps per second, fast path against Composer and raw MuJoCo"
-	$(BIN)/python -m launch.bench $(ARGS)
+	@echo "==> bench: speed against peers and the machine's limits (a quarter of an hour), into analysis/data/bench.json"
+	$(BIN)/python -m tests.bench $(ARGS)
 
 doctor: $(STAMP)
 	@echo "==> doctor: what this machine can do"

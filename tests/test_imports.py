@@ -13,8 +13,7 @@ ROOMS = {
     "analysis": {"numpy", "pandas", "scipy", "matplotlib"},
     "launch": {
         "tasks", "hac_suite", "analysis",
-        "numpy", "torch", "absl", "ml_collections", "rich", "imageio", "PIL", "mujoco",
-        "dm_control",
+        "numpy", "torch", "absl", "ml_collections", "rich", "imageio", "PIL",
     },
 }  # fmt: skip
 EXCEPTIONS = {"tasks/gym_face.py": {"gymnasium"}}

@@ -1,0 +1,127 @@
+"""Measures how fast the suite is and writes analysis/data/bench.json: `python -m tests.bench`.
+
+Takes up to a quarter of an hour on two cores, which should have nothing else to do.
+"""
+
+import argparse
+import json
+import os
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+# Read when numpy, torch and mujoco are imported, here and in the processes to come.
+os.environ["MUJOCO_GL"] = "disabled"
+for library in ("OMP", "MKL", "OPENBLAS"):
+    os.environ[f"{library}_NUM_THREADS"] = "1"
+
+from rich.console import Console  # noqa: E402
+from rich.table import Table  # noqa: E402
+
+from analysis.files import write_atomically  # noqa: E402
+from launch import manifest  # noqa: E402
+from tests.bench import growth, limits, panel, same_work, stepping  # noqa: E402
+from tests.bench.repeats import REPEATS  # noqa: E402
+
+OUTPUT = Path(__file__).resolve().parents[2] / "analysis" / "data" / "bench.json"
+
+Part = Callable[[Callable[[str], None]], dict[str, Any]]
+PARTS: dict[str, Part] = {
+    "stepping": stepping.stepping,
+    "sb3": same_work.sb3,
+    "plain_hac": same_work.plain_hac,
+    "gemm": limits.gemm,
+    "panel": panel.panel,
+    "growth": growth.growth,
+}
+
+
+def main() -> None:
+    """Prints tables; writes them as JSON, but for parts alone, unless told where."""
+    parser = argparse.ArgumentParser(prog="python -m tests.bench", description=__doc__)
+    parser.add_argument("--part", nargs="+", choices=PARTS, help="measure these parts alone")
+    parser.add_argument("--output", type=Path, help=f"default: {OUTPUT}, or nowhere with --part")
+    arguments = parser.parse_args()
+    output = arguments.output or (None if arguments.part else OUTPUT)
+    console = Console()
+    report = measure(arguments.part or list(PARTS), console)
+    show(report, console)
+    if output is not None:
+        output.parent.mkdir(parents=True, exist_ok=True)
+        text = json.dumps(report, indent=2) + "\n"
+        write_atomically(output, lambda path: path.write_text(text, encoding="utf-8"))
+        console.print(f"wrote {output}", soft_wrap=True)
+
+
+def measure(parts: list[str], console: Console) -> dict[str, Any]:
+    """The report: what each part has measured, and on what."""
+    start = time.monotonic()
+
+    def say(text: str) -> None:
+        minutes, seconds = divmod(int(time.monotonic() - start), 60)
+        console.print(f"{minutes:2d}:{seconds:02d} {text}", highlight=False)
+
+    report: dict[str, Any] = {
+        "machine": manifest.machine(),
+        "versions": manifest.versions(),
+        "repeats": REPEATS,
+    }
+    for part in parts:
+        report |= PARTS[part](say)
+    report["seconds"] = round(time.monotonic() - start)
+    say("done")
+    return report
+
+
+def show(report: dict[str, Any], console: Console) -> None:
+    """Prints the report's figures."""
+    figures = {key: value for key, value in report.items() if f"{key}_ci" in report}
+    table = _table("figure", "median", "95% interval")
+    for key, value in figures.items():
+        interval = report[f"{key}_ci"]
+        if isinstance(value, dict):
+            for name in value:
+                table.add_row(f"{key}: {name}", f"{value[name]:g}", _range(interval[name]))
+        else:
+            table.add_row(key, f"{value:g}", _range(interval))
+    if "peak_memory_gib" in report:
+        table.add_row("peak_memory_gib", f"{report['peak_memory_gib']:g}", "")
+    console.print(table)
+    if "steps_per_second" in report:
+        console.print(_by_task(report["steps_per_second"], "steps/s", ",.0f"))
+    if "panel_shares" in report:
+        console.print(_by_task(report["panel_shares"], "panel's time", ".1%"))
+    if "growth" in report:
+        console.print(_growth(report["growth"]))
+
+
+def _by_task(rows: dict[str, dict[str, float]], heading: str, style: str) -> Table:
+    table = _table(heading, *next(iter(rows.values())))
+    for task, values in rows.items():
+        table.add_row(task, *(format(value, style) for value in values.values()))
+    return table
+
+
+def _growth(growth: dict[str, Any]) -> Table:
+    table = _table("growth with", "", "ms per seed-episode")
+    for axis in ("seeds", "levels", "replay_rows"):
+        for value, seconds in growth[axis]["seconds"].items():
+            table.add_row(axis, f"{int(value):,}", f"{1e3 * seconds:.1f}")
+    table.add_row("memory", "", f"{growth['memory']['mib_per_seed']:g} MiB a seed")
+    return table
+
+
+def _table(*headings: str) -> Table:
+    table = Table(box=None, pad_edge=False, collapse_padding=True, header_style="bold")
+    for index, heading in enumerate(headings):
+        table.add_column(heading, justify="right" if index else "left", no_wrap=True)
+    return table
+
+
+def _range(interval: list[float]) -> str:
+    return f"{interval[0]:g} to {interval[1]:g}"
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,118 @@
+"""Our side: the training loop of the launcher, its rounds counted and timed by part."""
+
+import time
+from collections.abc import Sequence
+from typing import Any
+
+import hac_suite
+import tasks
+from hac_suite.learner import Learner
+from hac_suite.training import PeriodResult, _Training
+from tests.bench.work import Meter, Work, whole_horizon
+
+TASK = "pick_place"  # where a measurement is of one task
+
+
+class Training:
+    """A population in training.
+
+    Attributes:
+      episodes: that each seed has played.
+      max_steps: of an episode.
+    """
+
+    def __init__(
+        self,
+        task: str,
+        config: hac_suite.Config,
+        seeds: Sequence[int],
+        subgoal_layers: int,
+        *,
+        unreachable: bool = False,
+    ):
+        """`unreachable`: with goals that nothing achieves, so that the work is always the same."""
+
+        def make_env(num_envs: int) -> Any:
+            env = tasks.load_vector(task, num_envs)
+            return whole_horizon(env) if unreachable else env
+
+        self.max_steps = tasks.load_vector(task, 1).max_steps
+        horizons = hac_suite.horizons(self.max_steps, subgoal_layers)
+        self._training = _Training(make_env, config, tuple(seeds), horizons, None)
+        self.config = config
+        self.episodes = 0
+        self._meter = Meter()
+        self._watch()
+
+    def _watch(self) -> None:
+        population, meter = self._training._population, self._meter
+        meter.watch(self._training._env)
+        exploring = population.exploring_actors
+
+        def timed_actors() -> list:
+            return [meter.timed("acting", actor) for actor in exploring()]
+
+        population.exploring_actors = timed_actors  # type: ignore[method-assign]
+        population.learn = meter.timed("updates", population.learn)  # type: ignore[method-assign]
+
+    @property
+    def learners(self) -> list[Learner]:
+        return self._training._population.learners
+
+    def round(self) -> Work:
+        """A round of episodes and updates of every seed."""
+        before = self._updates()
+        work = self._meter.measure(self._training._train_round)
+        self.episodes += self.config.episodes_per_round
+        return work._replace(updates=self._updates() - before)
+
+    def learn(self) -> Work:
+        """A round's updates without its episodes."""
+        before = self._updates()
+        work = self._meter.measure(self._training._population.learn)
+        return work._replace(updates=self._updates() - before)
+
+    def _updates(self) -> int:
+        """Steps that the actors' optimisers have made, of all seeds and levels."""
+        return sum(updates_made(learner) for learner in self.learners)
+
+    def test(self) -> tuple[float, PeriodResult]:
+        """A test period of every seed, and its seconds."""
+        start = time.perf_counter()
+        result = self._training._test(1)
+        return time.perf_counter() - start, result
+
+    def rows_after(self, episodes: int) -> list[int]:
+        """Per level: about how many rows a seed's replay buffer gets in so many episodes."""
+        return [
+            int(replay.sizes.mean() / self.episodes * episodes)
+            for replay in self._training._population.replays
+        ]
+
+    def fill(self, rows: Sequence[int]) -> None:
+        """Plays a round, and stores it again until each buffer of level i holds rows[i]."""
+        replays = self._training._population.replays
+        stored: list[list[tuple]] = [[] for _ in replays]
+        for replay, calls in zip(replays, stored, strict=True):
+            replay.add = _recorded(replay.add, calls)  # type: ignore[method-assign]
+        self.round()
+        for replay, calls, wanted in zip(replays, stored, rows, strict=True):
+            del replay.add
+            while (held := replay.sizes.min()) < min(wanted, replay.capacity):
+                for arguments in calls:
+                    replay.add(*arguments)
+                if replay.sizes.min() == held:
+                    raise RuntimeError("a seed stored nothing in a round")
+
+
+def updates_made(learner: Learner) -> int:
+    """Gradient steps of a level's actors, all seeds together."""
+    return int(learner.actor_optimiser.steps.sum())
+
+
+def _recorded(add, calls: list[tuple]):
+    def call(*arguments: Any) -> None:
+        calls.append(arguments)
+        add(*arguments)
+
+    return call
