@@ -43,7 +43,7 @@ def add_launch(manifest: Manifest, command: Sequence[str], workers: int, device:
         "finished": None,  # stays None where a signal, a kill or a full disk ended the launch
         "workers": workers,
         "device": device,
-        "commit": _commit(),
+        "commit": commit(),
         "versions": versions(),
         "machine": machine(),
     }
@@ -126,7 +126,7 @@ def _cpu_model() -> str:
     return names[0] if names else platform.machine()
 
 
-def _commit() -> str | None:
+def commit() -> str | None:
     """The checked-out commit, with `+changes` where the files differ from it; None outside git."""
     try:
         described = subprocess.run(

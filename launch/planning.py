@@ -56,8 +56,9 @@ def plan(missing: Mapping[Agent, tuple[int, ...]], workers: int) -> list[Job]:
         pieces[longest.agent] += 1
         plans.append(_jobs(missing, pieces))
     busy = [jobs for jobs in plans if len(jobs) >= workers] or plans[-1:]
-    earliest = min(makespan(jobs, workers) for jobs in busy)
-    return next(jobs for jobs in busy if makespan(jobs, workers) <= _NEARLY * earliest)
+    ends = [makespan([job.cost for job in jobs], workers) for jobs in busy]
+    good = (jobs for jobs, end in zip(busy, ends, strict=True) if end <= _NEARLY * min(ends))
+    return next(good)
 
 
 def _jobs(missing: Mapping[Agent, tuple[int, ...]], pieces: Mapping[Agent, int]) -> list[Job]:
@@ -70,11 +71,11 @@ def _jobs(missing: Mapping[Agent, tuple[int, ...]], pieces: Mapping[Agent, int])
     return sorted(jobs, key=_cost, reverse=True)
 
 
-def makespan(jobs: Sequence[Job], workers: int) -> float:
-    """When the last worker ends, in units of `Job.cost`: whoever is free takes the next job."""
+def makespan(costs: Sequence[float], workers: int) -> float:
+    """When the last worker ends, in the unit of the costs: whoever is free takes the next job."""
     ends = [0.0] * workers
-    for job in jobs:
-        heapq.heappush(ends, heapq.heappop(ends) + job.cost)
+    for cost in costs:
+        heapq.heappush(ends, heapq.heappop(ends) + cost)
     return max(ends)
 
 

@@ -63,6 +63,7 @@ def measure(parts: list[str], console: Console) -> dict[str, Any]:
         console.print(f"{minutes:2d}:{seconds:02d} {text}", highlight=False)
 
     report: dict[str, Any] = {
+        "commit": manifest.commit(),
         "machine": manifest.machine(),
         "versions": manifest.versions(),
         "repeats": REPEATS,

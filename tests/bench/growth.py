@@ -7,7 +7,7 @@ from typing import Any
 import hac_suite
 from tests.bench.population import TASK, Training
 from tests.bench.repeats import REPEATS, rounded, summary
-from tests.bench.team import Team, peak_memory
+from tests.bench.team import Team, held_memory
 
 SEEDS = (1, 2, 5, 10, 20)
 LEVELS = (1, 2, 3, 4)
@@ -46,7 +46,7 @@ class Memory:
         self._training.round()
         self._training.fill(self._training.rows_after(_MEMORY_EPISODES))
         self._training.round()
-        return peak_memory()
+        return held_memory()
 
 
 def growth(say: Callable[[str], None]) -> dict[str, Any]:

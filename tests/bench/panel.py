@@ -5,17 +5,16 @@ while another process runs the same, so that both cores are busy as in a launch,
 as full as they are in the end; 3000 episodes and 11 test periods are extrapolated from that.
 """
 
-import heapq
 from collections.abc import Callable, Mapping, Sequence
 from statistics import median
 from typing import Any, NamedTuple
 
 import hac_suite
 import tasks
-from launch.planning import Agent, Job, plan
+from launch.planning import Agent, Job, makespan, plan
 from tests.bench.population import TASK, Training
 from tests.bench.repeats import entry, rounded, summary
-from tests.bench.team import Team, peak_memory
+from tests.bench.team import Team, held_memory
 from tests.bench.work import Work
 from tests.bench.writing import Writing, Written, save_policies
 
@@ -37,7 +36,7 @@ class Sample(NamedTuple):
     rounds: list[Work]
     test_seconds: float
     save_seconds: float
-    peak_gib: float
+    gib: float
     rows: list[dict]  # of the test period
 
 
@@ -93,7 +92,7 @@ class JobSample:
         works = [training.round() for _ in range(rounds)]
         seconds, result = training.test()
         saved = save_policies(result.policies)
-        return Sample(works, seconds, saved, peak_memory(), result.rows)
+        return Sample(works, seconds, saved, held_memory(), result.rows)
 
 
 def panel(say: Callable[[str], None]) -> dict[str, Any]:
@@ -124,7 +123,7 @@ def report(measured: Mapping[str, Sequence[Measured]], written: Written) -> dict
     for task, jobs in measured.items():
         # One estimate of the panel for each timed round: those of all jobs, side by side.
         by_round = list(zip(*(job.estimates() for job in jobs), strict=True))
-        ends = [makespan([sum(parts) for parts in of_jobs]) for of_jobs in by_round]
+        ends = [makespan([sum(parts) for parts in of_jobs], WORKERS) for of_jobs in by_round]
         samples = [(seconds + written.seconds / WORKERS) / 60 for seconds in ends]
         middle, interval = summary(samples)
         minutes[task], intervals[task] = rounded(middle), [rounded(end) for end in interval]
@@ -140,16 +139,8 @@ def report(measured: Mapping[str, Sequence[Measured]], written: Written) -> dict
         "panel_minutes": minutes,
         "panel_minutes_ci": intervals,
         "panel_minutes_how": _HOW,
-        **_memory(measured[TASK], written.peak_gib),
+        **_memory(measured[TASK], written.gib),
     }
-
-
-def makespan(seconds: Sequence[float]) -> float:
-    """When the last of two workers ends; whoever is free takes the next job."""
-    ends = [0.0] * WORKERS
-    for duration in seconds:
-        heapq.heappush(ends, heapq.heappop(ends) + duration)
-    return max(ends)
 
 
 def _sum(jobs: Sequence[Parts], written: float) -> Parts:
@@ -159,10 +150,11 @@ def _sum(jobs: Sequence[Parts], written: float) -> Parts:
 
 def _memory(jobs: Sequence[Measured], parent: float) -> dict[str, Any]:
     """The most that a launch holds: its own, and that of the largest jobs that meet."""
-    peaks = [max(sample.peak_gib for sample in job.samples) for job in jobs]
+    peaks = [max(sample.gib for sample in job.samples) for job in jobs]
     return {
         "peak_memory_gib": rounded(sum(sorted(peaks)[-WORKERS:]) + parent),
-        "peak_memory_gib_how": f"{TASK}: launcher and the {WORKERS} largest jobs, at their end",
+        "peak_memory_gib_how": f"{TASK}: launcher and the {WORKERS} largest jobs, at their end; "
+        "what processes share counts once",
         "peak_memory_gib_parts": {
             "launcher": rounded(parent),
             **{m.job.name: rounded(peak) for m, peak in zip(jobs, peaks, strict=True)},

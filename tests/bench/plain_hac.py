@@ -1,7 +1,8 @@
 """HAC as public ports write it: one environment, one seed, torch modules and autograd.
 
-The episode is the recursive transcription's; each level has a replay buffer in numpy, an actor and
-a critic of `torch.nn`, their target networks, and two of torch's Adam.
+The episode is the recursive transcription's; each level has a replay buffer, an actor and a critic
+of `torch.nn`, their target networks, and two of torch's Adam. The buffer is what most public ports
+have, a list of transitions that a loop picks batches from; `ArrayReplay` is a faster one.
 """
 
 import copy
@@ -28,9 +29,14 @@ class PlainAgents:
     """One agent for each seed, trained one after another."""
 
     def __init__(
-        self, task: str, config: hac_suite.Config, seeds: Sequence[int], subgoal_layers: int
+        self,
+        task: str,
+        config: hac_suite.Config,
+        seeds: Sequence[int],
+        subgoal_layers: int,
+        replay: "type[Replay]",
     ):
-        self._agents = [_Agent(task, config, seed, subgoal_layers) for seed in seeds]
+        self._agents = [_Agent(task, config, seed, subgoal_layers, replay) for seed in seeds]
 
     def __call__(self, episodes: int) -> Work:
         """Trains every agent for so many episodes more."""
@@ -40,14 +46,23 @@ class PlainAgents:
 class _Agent:
     """A hierarchy that learns after each episode."""
 
-    def __init__(self, task: str, config: hac_suite.Config, seed: int, subgoal_layers: int):
+    def __init__(
+        self,
+        task: str,
+        config: hac_suite.Config,
+        seed: int,
+        subgoal_layers: int,
+        replay: "type[Replay]",
+    ):
         self._meter = Meter()
         self._env = self._meter.watch(whole_horizon(tasks.load_vector(task, 1)))
         self._config = dataclasses.replace(config, episodes_per_round=1)
         self._horizons = hac_suite.horizons(self._env.max_steps, subgoal_layers)
         self._specs = level_specs(self._env, self._horizons)
         torch.manual_seed(seed)
-        self._levels = [Level(spec, config, seed) for spec in self._specs]
+        self._levels = [
+            Level(spec, config, replay(spec, config.replay_capacity, seed)) for spec in self._specs
+        ]
         self._explore = exploration.stream(seed, Purpose.EXPLORE)
         self._episode_seeds = np.random.default_rng(seed)
         for level in self._levels:
@@ -84,32 +99,53 @@ class _Agent:
 
 
 class Replay:
-    """A ring of transitions, an array for each of their fields."""
+    """A list of transitions, which loses its oldest fifth when it is full."""
 
     def __init__(self, spec: LevelSpec, capacity: int, seed: int):
-        self._spec, self._capacity, self._added = spec, capacity, 0
-        observation, goal = spec.observation_dim, spec.goal_space.dim
-        sizes = (observation, spec.action_dim, 1, observation, goal, 1)
-        self._fields = [np.zeros((capacity, size), np.float32) for size in sizes]
+        self._spec, self._capacity = spec, capacity
         self._random = np.random.default_rng(seed)
+        self._held: list[tuple] = []
 
     def add(self, transition: Transition) -> None:
-        row = self._added % self._capacity
+        if len(self._held) >= self._capacity:
+            del self._held[: self._capacity // 5]
+        self._held.append(self._fields_of(transition))
+
+    def _fields_of(self, transition: Transition) -> tuple:
+        """As networks see them."""
         scale = self._spec.observation_scale
-        values = (
+        return (
             transition.observation / scale,
             transition.action,
-            transition.reward,
+            [transition.reward],
             transition.next_observation / scale,
             self._spec.goal_space.normalise(transition.goal),
-            transition.discount,
+            [transition.discount],
         )
-        for field, value in zip(self._fields, values, strict=True):
-            field[row] = value
-        self._added += 1
 
     def sample(self, batch: int) -> list[torch.Tensor]:
         """Observations, actions, rewards, next observations, goals, discounts: [batch, ...]."""
+        rows = self._random.integers(0, len(self._held), batch)
+        fields = zip(*(self._held[row] for row in rows), strict=True)
+        return [torch.from_numpy(np.array(field, np.float32)) for field in fields]
+
+
+class ArrayReplay(Replay):
+    """A ring of transitions, an array for each of their fields."""
+
+    def __init__(self, spec: LevelSpec, capacity: int, seed: int):
+        super().__init__(spec, capacity, seed)
+        self._added = 0
+        observation, goal = spec.observation_dim, spec.goal_space.dim
+        sizes = (observation, spec.action_dim, 1, observation, goal, 1)
+        self._fields = [np.zeros((capacity, size), np.float32) for size in sizes]
+
+    def add(self, transition: Transition) -> None:
+        for field, value in zip(self._fields, self._fields_of(transition), strict=True):
+            field[self._added % self._capacity] = value
+        self._added += 1
+
+    def sample(self, batch: int) -> list[torch.Tensor]:
         rows = self._random.integers(0, min(self._added, self._capacity), batch)
         return [torch.from_numpy(field[rows]) for field in self._fields]
 
@@ -117,8 +153,8 @@ class Replay:
 class Level:
     """The actor-critic of one level: DDPG, with what `Config` says of targets and bounds."""
 
-    def __init__(self, spec: LevelSpec, config: hac_suite.Config, seed: int):
-        self._spec, self._config = spec, config
+    def __init__(self, spec: LevelSpec, config: hac_suite.Config, replay: Replay):
+        self._spec, self._config, self.replay = spec, config, replay
         features = spec.observation_dim + spec.goal_space.dim
         self._actor = _network((features, *config.hidden_sizes, spec.action_dim))
         self._critic = _network((features + spec.action_dim, *config.hidden_sizes, 1))
@@ -127,7 +163,6 @@ class Level:
         self.actor_adam = torch.optim.Adam(self._actor.parameters(), config.learning_rate)
         self._critic_adam = torch.optim.Adam(self._critic.parameters(), config.learning_rate)
         self._offset = -math.log(spec.attempts / -config.initial_q - 1)
-        self.replay = Replay(spec, config.replay_capacity, seed)
 
     def act(self, observation: np.ndarray, goal: np.ndarray) -> np.ndarray:
         """The policy, for one environment: natural units to [-1, 1]."""

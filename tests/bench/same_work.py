@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import hac_suite
 import tasks
-from tests.bench.plain_hac import PlainAgents
+from tests.bench.plain_hac import ArrayReplay, PlainAgents, Replay
 from tests.bench.population import TASK, Training
 from tests.bench.repeats import REPEATS, entry, rounded
 from tests.bench.team import Team
@@ -57,10 +57,14 @@ def sb3(say: Say) -> dict[str, Any]:
 def plain_hac(say: Say) -> dict[str, Any]:
     """Our hierarchies against a plain one-environment HAC."""
     report: dict[str, Any] = {}
-    for layers, key in ((1, "plain_hac_1_layer"), (2, "plain_hac_2_layers")):
-        say(f"plain HAC, {layers} subgoal layer{'s' * (layers > 1)}")
+    for key, layers, replay, held in (
+        ("plain_hac_1_layer", 1, Replay, "a list of transitions"),
+        ("plain_hac_2_layers", 2, Replay, "a list of transitions"),
+        ("plain_hac_1_layer_array_replay", 1, ArrayReplay, "arrays"),
+    ):
+        say(f"plain HAC, {layers} subgoal layer{'s' * (layers > 1)}, replay in {held}")
         config = hac_suite.PRESETS["paper"]
-        report |= entries(key, *compare(TASK, config, layers, PlainAgents, (layers,)))
+        report |= entries(key, *compare(TASK, config, layers, PlainAgents, (layers, replay)))
     return report
 
 

@@ -85,12 +85,12 @@ def test_a_team_works_side_by_side_and_reports_failures():
 def test_a_panel_by_hand():
     # Per round of 2 s: 1 s updates, 0.5 s physics, 0.25 s acting, so 0.25 s bookkeeping.
     work = Work(2.0, 800, 1000, update_seconds=1.0, physics_seconds=0.5, acting_seconds=0.25)
-    sample = panel.Sample([work], test_seconds=10.0, save_seconds=1.0, peak_gib=1.5, rows=[])
+    sample = panel.Sample([work], test_seconds=10.0, save_seconds=1.0, gib=1.5, rows=[])
     jobs = [
         panel.Measured(Job(Agent("pick_place", layers), (0, 1)), 4.0, [sample, sample])
         for layers in (2, 1, 0)
     ]
-    report = panel.report({"pick_place": jobs}, Written(seconds=30.0, peak_gib=0.5))
+    report = panel.report({"pick_place": jobs}, Written(seconds=30.0, gib=0.5))
     job = 4 + 750 * 2 + 11 * 10 + 1
     assert report["panel_minutes"]["pick_place"] == pytest.approx((2 * job + 15) / 60, rel=1e-3)
     whole = 3 * job + 30
@@ -98,7 +98,3 @@ def test_a_panel_by_hand():
     assert report["non_update_share"] == pytest.approx(share, rel=1e-3)
     assert math.isclose(sum(report["panel_shares"]["pick_place"].values()), 1, rel_tol=1e-3)
     assert report["peak_memory_gib"] == 3.5
-
-
-def test_the_free_worker_takes_the_next_job():
-    assert panel.makespan([5.0, 3.0, 1.0, 2.0]) == 6.0

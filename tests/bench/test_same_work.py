@@ -6,7 +6,7 @@ import pytest
 
 import hac_suite
 import tasks
-from tests.bench.plain_hac import PlainAgents
+from tests.bench.plain_hac import ArrayReplay, PlainAgents, Replay
 from tests.bench.population import Training
 from tests.bench.same_work import Ours, check
 from tests.bench.work import whole_horizon
@@ -32,9 +32,10 @@ def test_our_rounds(subgoal_layers):
     assert min(work.update_seconds, work.physics_seconds, work.acting_seconds) > 0
 
 
+@pytest.mark.parametrize("replay", [Replay, ArrayReplay])
 @pytest.mark.parametrize("subgoal_layers", [1, 2])
-def test_the_plain_agents(subgoal_layers):
-    agents = PlainAgents(TASK, CONFIG, SEEDS, subgoal_layers)
+def test_the_plain_agents(subgoal_layers, replay):
+    agents = PlainAgents(TASK, CONFIG, SEEDS, subgoal_layers, replay)
     for _ in range(2):  # each call counts its own
         work = agents(2)
         check(work, TASK, CONFIG, subgoal_layers, EPISODES)

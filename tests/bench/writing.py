@@ -12,14 +12,14 @@ from analysis.report import write_report
 from launch import results
 from launch.run_folder import RunFolder
 from launch.training import save_policy
-from tests.bench.team import peak_memory
+from tests.bench.team import held_memory
 
 
 class Written(NamedTuple):
     """What the launcher's own process needs."""
 
     seconds: float
-    peak_gib: float
+    gib: float
 
 
 class Writing:
@@ -48,7 +48,7 @@ class Writing:
                 seconds += time.perf_counter() - start
             seconds += periods * len(agents) * _seconds(write_figure, folder)
             seconds += _seconds(write_report, folder)
-        return Written(seconds, peak_memory())
+        return Written(seconds, held_memory())
 
 
 def _seconds(write, folder: RunFolder) -> float:

@@ -11,7 +11,7 @@ def test_the_main_job_fills_two_workers_evenly():
     seeds = tuple(range(10))
     jobs = plan({Agent("pick_place", layers): seeds for layers in (0, 1, 2)}, workers=2)
     assert [job.agent.subgoal_layers for job in jobs] == [2, 1, 0]
-    assert makespan(jobs, 2) == pytest.approx(jobs[0].cost)
+    assert makespan([job.cost for job in jobs], 2) == pytest.approx(jobs[0].cost)
 
 
 def test_a_lone_agent_is_split_over_the_workers():
@@ -24,7 +24,8 @@ def test_workers_share_what_they_cannot_share_evenly_in_whole_populations():
     alike = {Agent(task, 1): seeds for task in ("pick_place", "ur5_reacher", "pendulum_climb")}
     even = sum(2 * len(seeds) for seeds in alike.values())
     for workers, most in ((2, 1.1), (4, 1.35), (8, 1.5)):  # whole: 1.4, 2.8 and 2.8 times even
-        assert makespan(plan(alike, workers), workers) <= most * even / workers
+        costs = [job.cost for job in plan(alike, workers)]
+        assert makespan(costs, workers) <= most * even / workers
     assert [len(job.seeds) for job in plan({Agent("ur5_reacher", 0): seeds}, 3)] == [4, 3, 3]
 
 
@@ -57,3 +58,7 @@ def test_every_missing_seed_is_in_exactly_one_job(missing, workers):
     assert len({job.name for job in jobs}) == len(jobs)
     assert [job.cost for job in jobs] == sorted((job.cost for job in jobs), reverse=True)
     assert len(jobs) >= min(workers, len(planned))
+
+
+def test_the_free_worker_takes_the_next_job():
+    assert makespan([5.0, 3.0, 1.0, 2.0], 2) == 6.0
