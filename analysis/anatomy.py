@@ -13,7 +13,7 @@ from analysis.anatomy_figure import draw_anatomy
 from analysis.episodes import load_episodes
 from analysis.figure import save_png
 from analysis.files import write_atomically
-from analysis.subgoals import COMMAND
+from analysis.subgoals import recording_command
 
 
 def write_anatomy(folder: Path, task: str, output: Path) -> list[Path]:
@@ -43,8 +43,9 @@ def main(argv: Sequence[str] | None = None) -> None:
         try:
             paths = write_anatomy(folder, task, (arguments.output or arguments.data) / task)
         except FileNotFoundError:
-            command = COMMAND.format(task=task, folder=folder)
-            print(f"{task}: no episodes recorded in {folder}; make them with `{command}`")
+            print(
+                f"{task}: no episodes recorded; make them with `{recording_command(task, folder)}`"
+            )
         except (OSError, ValueError) as error:
             parser.error(str(error))
         else:

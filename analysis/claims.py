@@ -133,7 +133,12 @@ def _without_nan(value: Any) -> Any:
     return None if isinstance(value, float) and math.isnan(value) else value
 
 
-def _read_why(folder: Path) -> dict[str, str]:
+def read_why(folder: Path) -> dict[str, str]:
+    """What we think is why, by claim; nothing where nothing is written.
+
+    Raises:
+      ValueError: the file does not hold texts by letters.
+    """
     path = folder / WHY_FILE
     if not path.exists():
         return {}
@@ -165,7 +170,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     parser.add_argument("--output", type=Path, help="a folder for the files; if not given, --data")
     arguments = parser.parse_args(argv)
     try:
-        claims, why = judge(arguments.data), _read_why(arguments.data)
+        claims, why = judge(arguments.data), read_why(arguments.data)
         paths = write_claims(claims, why, arguments.output or arguments.data)
     except (OSError, ValueError) as error:
         parser.error(str(error))

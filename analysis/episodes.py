@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from analysis.subgoals import COMMAND
+from analysis.subgoals import recording_command
 
 ANATOMY_FILE = "anatomy.json"
 
@@ -80,7 +80,7 @@ def load_episodes(folder: Path, task: str) -> list[Episode]:
         spaces = {name: _space(record[name]) for name in ("subgoal_space", "goal_space")}
         return [_episode(record["task"], spaces, item) for item in record["episodes"]]
     except (KeyError, TypeError, ValueError) as error:
-        command = COMMAND.format(task=task, folder=folder)
+        command = recording_command(task, folder)
         raise ValueError(_BAD_FILE.format(path=path, error=repr(error), command=command)) from error
 
 

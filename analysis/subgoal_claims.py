@@ -1,6 +1,6 @@
-"""Claims of section 4.2 about where the top level of a trained agent puts its subgoals."""
+"""Claims of section 4.2 about where trained agents put their high-level subgoals."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -8,7 +8,7 @@ import pandas as pd
 
 from analysis import comparison, evidence
 from analysis.evidence import UNDECIDED, Claim, Evidence
-from analysis.subgoals import COMMAND, load_subgoals, places
+from analysis.subgoals import SUBGOALS_FILE, load_subgoals, places, recording_command
 
 _LAYERS = 2
 _FAR, _BEFORE, _AFTER = "far goals", "before attachment", "after attachment"
@@ -19,6 +19,10 @@ _REACHER, _EFFECTOR = "ur5_reacher", ("effector_x", "effector_y", "effector_z")
 _HALFWAY = (0.25, 0.75)
 
 _PICK, _GRIPPER, _ROD = "pick_place", ("gripper_x", "gripper_z"), ("rod_x", "rod_z")
+_POINTS: dict[str, dict[str, tuple[str, ...]]] = {
+    _REACHER: {"subgoal": _EFFECTOR, "start": _EFFECTOR, "goal": _EFFECTOR},
+    _PICK: {"subgoal": _GRIPPER, "start": _ROD, "goal": _ROD, "": ("attached",)},
+}
 _TO_TOP = np.array([0.0, 0.125])
 """From the centre of a rod, 25 cm long and upright, to its top end, where the gripper takes it."""
 NEAR = 0.25
@@ -40,12 +44,24 @@ def judge_subgoals(folder: Path) -> list[Claim]:
         "In pick-and-place, the high-level subgoal is often near the rod before it is attached, "
         "and near the target after."
     )
-    effector = {kind: _EFFECTOR for kind in ("subgoal", "start", "goal")}
-    gripper = {"subgoal": _GRIPPER + _ROD, "start": _ROD, "goal": _ROD, "": ("attached",)}
     return [
-        _judge("f", halfway, folder, _REACHER, effector, _far_subgoals, (_FAR,)),
-        _judge("g", moves, folder, _PICK, gripper, _rod_subgoals, (_BEFORE, _AFTER)),
+        _judge("f", halfway, folder, _REACHER, _far_subgoals, (_FAR,)),
+        _judge("g", moves, folder, _PICK, _rod_subgoals, (_BEFORE, _AFTER)),
     ]
+
+
+def high_level(folder: Path, task: str) -> pd.DataFrame | None:
+    """The high-level subgoals of a task's agents with 2 subgoal layers; None if there are none.
+
+    Raises:
+      ValueError: subgoals.csv is damaged.
+    """
+    try:
+        table = load_subgoals(Path(folder) / task, task, _POINTS[task])
+    except FileNotFoundError:
+        return None
+    own = table[(table["subgoal_layers"] == _LAYERS) & (table["level"] == _LAYERS)]
+    return own if len(own) else None
 
 
 def _judge(
@@ -53,23 +69,18 @@ def _judge(
     statement: str,
     folder: Path,
     task: str,
-    points: Mapping[str, tuple[str, ...]],
     measure: Callable[[pd.DataFrame], list[Evidence]],
     parts: tuple[str, ...],
 ) -> Claim:
-    own = Path(folder) / task
-    command = COMMAND.format(task=task, folder=own)
-    try:
-        table = load_subgoals(own, task, points)
-    except FileNotFoundError:
-        reason = f"no data: {own} has no subgoals.csv; make it with `{command}`"
+    table = high_level(folder, task)
+    if table is None:
+        reason = (
+            f"no data: no {SUBGOALS_FILE} with any of {_LAYERS} subgoal layers; make it with "
+            f"`{recording_command(task, Path(folder) / task)}`"
+        )
         return Claim(letter, statement, UNDECIDED, reason)
-    table = table[(table["subgoal_layers"] == _LAYERS) & (table["level"] == _LAYERS)]
-    items = measure(table) if len(table) else []
+    items = measure(table)
     judged = [item for item in items if item.verdict]
-    if not judged:
-        reason = f"no data: subgoals.csv has none of {_LAYERS} subgoal layers; `{command}`"
-        return Claim(letter, statement, UNDECIDED, reason)
     absent = [when for when in parts if not any(when in item.agents for item in judged)]
     verdict = evidence.overall((item.verdict for item in judged), absent)
     weakest = min(judged, key=lambda item: item.value)
@@ -117,41 +128,43 @@ def _far_subgoals(table: pd.DataFrame) -> list[Evidence]:
     ]
 
 
+def to_rod_and_target(table: pd.DataFrame) -> tuple[np.ndarray, np.ndarray]:
+    """Metres from the gripper's subgoals to where it would hold the rod, and at the target."""
+    gripper = places(table, "subgoal", _GRIPPER)
+    tops = (places(table, kind, _ROD) + _TO_TOP for kind in ("start", "goal"))
+    rod, target = (np.linalg.norm(gripper - top, axis=-1) for top in tops)
+    return rod, target
+
+
 def _rod_subgoals(table: pd.DataFrame) -> list[Evidence]:
     before, after = (table[table["attached"] == held] for held in (0, 1))
-    return [
-        *_nearness(_named(_BEFORE), before, "rod", "start"),
-        *_distance(_named(_BEFORE), before, "target", "goal"),
-        *_nearness(_named(_AFTER), after, "target", "goal"),
-        *_distance(_named(_AFTER), after, "rod", "start"),
-    ]
+    items = []
+    if len(before):
+        rod, target = to_rod_and_target(before)
+        items += _nearness(_BEFORE, before, "rod", rod) + _distance(
+            _BEFORE, before, "target", target
+        )
+    if len(after):
+        rod, target = to_rod_and_target(after)
+        items += _nearness(_AFTER, after, "target", target) + _distance(_AFTER, after, "rod", rod)
+    return items
 
 
-def _nearness(agents: str, table: pd.DataFrame, place: str, kind: str) -> list[Evidence]:
-    """Shares of the gripper's subgoals near the top of a rod, and how far they are from it."""
-    apart = _gripper_to_top(table, kind)
-    return [
+def _nearness(when: str, table: pd.DataFrame, place: str, apart: np.ndarray) -> list[Evidence]:
+    """Shares of the subgoals near a place, and how far they are from it."""
+    shares = [
         _over_seeds(
-            _PICK, agents, f"subgoals within {100 * near:.0f} cm of the {place}", "share",
+            _PICK, _named(when), f"subgoals within {100 * near:.0f} cm of the {place}", "share",
             table, apart <= near, np.mean, judge=near == NEAR,
         )
-        for near in (NEAR, _NEARER) if len(table)
-    ] + _distance(agents, table, place, kind)  # fmt: skip
+        for near in (NEAR, _NEARER)
+    ]  # fmt: skip
+    return shares + _distance(when, table, place, apart)
 
 
-def _distance(agents: str, table: pd.DataFrame, place: str, kind: str) -> list[Evidence]:
-    if table.empty:
-        return []
+def _distance(when: str, table: pd.DataFrame, place: str, apart: np.ndarray) -> list[Evidence]:
     quantity = f"median distance of subgoals from the {place}"
-    apart = _gripper_to_top(table, kind)
-    return [_over_seeds(_PICK, agents, quantity, "cm", table, apart, np.median)]
-
-
-def _gripper_to_top(table: pd.DataFrame, kind: str) -> np.ndarray:
-    """Metres from the gripper's subgoal to where the gripper would hold a rod, [rows]."""
-    return np.linalg.norm(
-        places(table, "subgoal", _GRIPPER) - places(table, kind, _ROD) - _TO_TOP, axis=-1
-    )
+    return [_over_seeds(_PICK, _named(when), quantity, "cm", table, apart, np.median)]
 
 
 def _over_seeds(

@@ -1,4 +1,4 @@
-"""Reads subgoals.csv, the recorded subgoals of a task's top levels, as `launch` writes it."""
+"""Reads subgoals.csv, the recorded high-level subgoals of a task, and names what records it."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -7,10 +7,18 @@ import numpy as np
 import pandas as pd
 
 SUBGOALS_FILE = "subgoals.csv"
-COMMAND = "python launch/record_subgoals.py --task={task} --output={folder}"
 
+_ROOT = Path(__file__).parents[1]
 _KEY = ("task", "subgoal_layers", "seed", "episode", "level", "step", "end_step", "outcome")
 _MISSING_COLUMNS = "{path}: lacks the column(s) {names}; record it anew with `{command}`"
+
+
+def recording_command(task: str, folder: Path) -> str:
+    """What records a task's subgoals and episodes into `folder`, run from the repository's root."""
+    folder = Path(folder)
+    if folder.is_absolute() and folder.is_relative_to(_ROOT):
+        folder = folder.relative_to(_ROOT)
+    return f"python launch/record_subgoals.py --task={task} --output={folder}"
 
 
 def load_subgoals(folder: Path, task: str, points: Mapping[str, tuple[str, ...]]) -> pd.DataFrame:
@@ -33,7 +41,7 @@ def load_subgoals(folder: Path, task: str, points: Mapping[str, tuple[str, ...]]
     wanted = [f"{kind}_{name}" if kind else name for kind in points for name in points[kind]]
     missing = [name for name in (*_KEY, *wanted) if name not in table]
     if missing:
-        command = COMMAND.format(task=task, folder=folder)
+        command = recording_command(task, folder)
         names = ", ".join(missing)
         raise ValueError(_MISSING_COLUMNS.format(path=path, names=names, command=command))
     return table

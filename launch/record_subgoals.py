@@ -25,6 +25,7 @@ from launch.subgoal_log import Replay, replay
 
 SUBGOALS_FILE, ANATOMY_FILE = "subgoals.csv", "anatomy.json"
 
+_HIGH = 2  # levels from here on propose subgoals to a level that proposes subgoals itself
 _DIGITS = 3  # millimetres
 # Observed quantities that a claim about the task's subgoals needs beside positions.
 _CONDITIONS = {"pick_place": ("attached",)}
@@ -32,7 +33,7 @@ _HELP = """Replays test episodes of trained policies and records their subgoals 
 
   python launch/record_subgoals.py --task=ur5_reacher --output=analysis/data/grid/ur5_reacher
 
-writes subgoals.csv, the top level's subgoals of every policy, for `python -m analysis.claims`, and
+writes subgoals.csv, the high-level subgoals of every policy, for `python -m analysis.claims`, and
 anatomy.json, one whole episode of each agent, for `python -m analysis.anatomy`.
 
 Flags:
@@ -101,7 +102,7 @@ def _replay(path: Path, episodes: int) -> Replay:
 
 
 def _write_table(replays: Sequence[Replay], path: Path) -> None:
-    """A row per subgoal of the top level, policy by policy, in the order of time."""
+    """A row per high-level subgoal, policy by policy, in the order of time."""
     task = replays[0].policy.metadata["task"]
     env = tasks.load_vector(task, 1)
     space, goals = env.subgoal_space.names, env.goal_space.names
@@ -120,12 +121,12 @@ def _write_table(replays: Sequence[Replay], path: Path) -> None:
 
 
 def _rows(played: Replay, conditions: list[int]) -> Iterator[list[Any]]:
-    metadata, top = played.policy.metadata, played.policy.subgoal_layers
-    own = [subgoal for subgoal in played.subgoals if subgoal.level == top]
-    for s in sorted(own, key=lambda s: (s.episode, s.step)):
+    metadata, layers = played.policy.metadata, played.policy.subgoal_layers
+    high = [subgoal for subgoal in played.subgoals if subgoal.level >= _HIGH]
+    for s in sorted(high, key=lambda s: (s.episode, s.level, s.step)):
         places = [*s.subgoal, *s.start, *s.end, *played.goal[s.episode], *s.observation[conditions]]
         yield [
-            metadata["task"], top, metadata["seed"],
+            metadata["task"], layers, metadata["seed"],
             s.episode, s.level, s.step, s.end_step, s.outcome,
             *(f"{value:.{_DIGITS}f}" for value in places),
         ]  # fmt: skip

@@ -1,11 +1,15 @@
 """Verdicts on claims (f) and (g) follow where recorded subgoals lie."""
 
+from pathlib import Path
+
 import numpy as np
 import pandas as pd
 import pytest
 
+import analysis
 from analysis.evidence import NOT_SUPPORTED, SUPPORTED, UNDECIDED
 from analysis.subgoal_claims import far_goals, judge_subgoals, relative_position
+from analysis.subgoals import recording_command
 
 SEEDS = range(6)
 
@@ -131,9 +135,15 @@ def test_without_records_the_claims_name_the_command(tmp_path):
         assert claim.reason.startswith("no data: ") and command in claim.reason
 
 
+def test_commands_are_to_be_run_from_the_root():
+    published = Path(analysis.__file__).parent / "data" / "ur5_reacher"
+    command = recording_command("ur5_reacher", published)
+    assert command.endswith("--task=ur5_reacher --output=analysis/data/ur5_reacher")
+
+
 def test_records_of_other_agents_are_no_data(judged):
     claim = judged([_reach(seed, 0.5, layers=1, level=1) for seed in SEEDS])
-    assert claim.verdict == UNDECIDED and "none of 2 subgoal layers" in claim.reason
+    assert claim.verdict == UNDECIDED and "any of 2 subgoal layers" in claim.reason
 
 
 @pytest.mark.parametrize("text", ["", "task,seed\nur5_reacher,0\n", "a\n1,2,3\n4\n"])
