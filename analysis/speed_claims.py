@@ -53,7 +53,7 @@ def _speed_claim(
         letter,
         statement,
         evidence.overall((gain.verdict for gain in counted), absent),
-        evidence.count(counted, absent) + _about_exceptions(gains, exceptions),
+        evidence.count(counted, absent) + _about_exceptions(gains, exceptions) + _about_cuts(grid),
         _pooled_gain(grid, pooled) if pooled else None,
         tuple(listed),
     )
@@ -74,6 +74,16 @@ def _absent(
 
 def _about_exceptions(gains: Iterable[Evidence], exceptions: Sequence[str]) -> str:
     parts = [f"; not counted: {g.task}, {g.verdict}" for g in gains if g.task in exceptions]
+    return "".join(parts)
+
+
+def _about_cuts(grid: Grid) -> str:
+    """Names tasks in which a seed ended before the others, and with it what is compared."""
+    parts = []
+    for task, results in grid.items():
+        budget, longest = common_budget(results), results["train_episodes"].max()
+        if budget < longest:
+            parts.append(f"; {task} compared over {budget} of {longest} episodes, a seed's last")
     return "".join(parts)
 
 

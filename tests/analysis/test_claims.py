@@ -126,6 +126,13 @@ def test_steps_far_from_the_papers_are_not_supported(make_grid, make_results):
     assert claim.evidence[2].value == pytest.approx(102.5 / 60)
 
 
+def test_a_seed_that_ended_early_is_named(make_grid):
+    ended = {**AS_IN_THE_PAPER, 2: [[0.0, 0.9, None, None], *_like(FASTER)[1:]]}
+    claims = _claims(make_grid(ur5_reacher=ended))
+    cut = "; ur5_reacher compared over 300 of 900 episodes, a seed's last"
+    assert claims["a"].reason.endswith(cut) and claims["c"].reason.endswith(cut)
+
+
 def test_areas_end_where_the_first_seed_does(make_results):
     results = make_results({0: [[0.0, 1.0, 1.0, 1.0]], 1: [[0.0, 0.5, 1.0, None]]})
     assert common_budget(results) == 600
