@@ -40,7 +40,8 @@ METHOD = (
     f"(a), (c), (e): a gain is supported if it is positive at p < {ALPHA} after Holm's correction "
     f"over the claim's comparisons; not supported if its interval ends below {100 * MARGIN:.0f} "
     "points; else undecided. Probability of improvement and episodes are shown beside it, "
-    "uncorrected, and decide nothing.",
+    "uncorrected, and decide nothing. (e) counts the subgoals of training episodes, random ones "
+    "and those pursued under exploration noise included.",
     f"(b): supported on a task if the share of seeds above {CONSISTENT:.0%} is below "
     f"{CONSISTENT:.0%} at p < {ALPHA} (binomial, Holm); not supported if it reaches "
     f"{CONSISTENT:.0%}.",
