@@ -4,17 +4,20 @@ from hac_suite.config import PRESETS, Config, horizons
 from hac_suite.evaluation import EpisodeStats, run_episodes
 from hac_suite.hierarchy import StepView
 from hac_suite.policy import Policy
-from hac_suite.training import DIAGNOSTICS, PeriodResult, Progress, train
+from hac_suite.state import SeedState
+from hac_suite.training import DIAGNOSTICS, Boundary, PeriodResult, Progress, train
 from hac_suite.types import VectorEnv
 
 __all__ = [
     "DIAGNOSTICS",
     "PRESETS",
+    "Boundary",
     "Config",
     "EpisodeStats",
     "PeriodResult",
     "Policy",
     "Progress",
+    "SeedState",
     "StepView",
     "VectorEnv",
     "horizons",

@@ -37,6 +37,10 @@ class Adam:
         other._bind(network)
         return other
 
+    def tensors(self, seed: int) -> dict[str, torch.Tensor]:
+        """Views of one seed's state."""
+        return {"first": self.first[seed], "second": self.second[seed], "steps": self.steps[seed]}
+
     def step(self) -> None:
         """Updates the network's parameters by its gradient."""
         parameters, gradients, first, second = self._tables

@@ -106,6 +106,18 @@ class Learner:
         part.critic_optimiser = self.critic_optimiser.of_seeds(start, stop, part.critic)
         return part
 
+    def tensors(self, seed: int) -> dict[str, torch.Tensor]:
+        """Views of all that one seed's updates have made: networks and optimisers."""
+        networks = {"actor": self.actor, "critic": self.critic}
+        if self._target_rate:
+            networks |= {"target_actor": self.target_actor, "target_critic": self.target_critic}
+        if self._tested_rate:
+            networks["tested_actor"] = self.tested_actor
+        found = {name: network.parameters[seed] for name, network in networks.items()}
+        for name, optimiser in (("actor", self.actor_optimiser), ("critic", self.critic_optimiser)):
+            found |= {f"{name}.{part}": of for part, of in optimiser.tensors(seed).items()}
+        return found
+
     def update(self, rows: torch.Tensor) -> None:
         """One step of critic, actor and targets on rows [S, B, width] (overwritten)."""
         batch = rows.shape[1]

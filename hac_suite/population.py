@@ -15,6 +15,7 @@ from hac_suite.policy import Policy, as_actor
 from hac_suite.record import Round
 from hac_suite.replay import Replay, RowLayout
 from hac_suite.rounds import CapturedRound
+from hac_suite.state import SeedState, copy_into
 from hac_suite.types import Actor, LevelSpec, VectorEnv, level_specs
 
 _SEEDS_AT_A_TIME = 5
@@ -134,3 +135,41 @@ class Population:
                 values[:] = np.where(replay.sizes > 0, values, np.nan)
             found.append(measured)
         return found
+
+    def _tensors(self, index: int) -> dict[str, torch.Tensor]:
+        """Views of all that one seed has learnt."""
+        return {
+            f"level{level}.{name}": tensor
+            for level, learner in enumerate(self.learners)
+            for name, tensor in learner.tensors(index).items()
+        }
+
+    def state(self, index: int) -> SeedState:
+        """One seed's networks, optimisers, replay buffers and random streams."""
+        rows = {_rows_name(level): replay.held(index) for level, replay in enumerate(self.replays)}
+        numbers = {
+            "added": [int(replay.added[index]) for replay in self.replays],
+            "explore_stream": self._explore[index].bit_generator.state,
+            "replay_streams": [own[index].bit_generator.state for own in self._replay_streams],
+        }
+        return SeedState({**self._tensors(index), **rows}, numbers)
+
+    def restore(self, index: int, state: SeedState) -> None:
+        """Makes one seed what `state` said of it; all memory stays where it is.
+
+        Raises:
+            ValueError: it is a state of another task or config.
+        """
+        copy_into(self._tensors(index), state.tensors)
+        for level, (replay, added) in enumerate(
+            zip(self.replays, state.numbers["added"], strict=True)
+        ):
+            replay.restore(index, state.tensors[_rows_name(level)], added)
+        self._explore[index].bit_generator.state = state.numbers["explore_stream"]
+        streams = state.numbers["replay_streams"]
+        for own, saved in zip(self._replay_streams, streams, strict=True):
+            own[index].bit_generator.state = saved
+
+
+def _rows_name(level: int) -> str:
+    return f"level{level}.replay"

@@ -14,6 +14,7 @@ import torch
 from torch.nn import functional
 
 from hac_suite.networks import ALIGNED
+from hac_suite.state import copy_into
 from hac_suite.transitions import Transitions
 from hac_suite.types import LevelSpec
 
@@ -85,6 +86,19 @@ class Replay:
         ring[start : start + first] = source[:first]
         ring[: len(kept) - first] = source[first:]
         self.added[seed] += len(rows)
+
+    def held(self, seed: int) -> torch.Tensor:
+        """A view of the rows that a seed's ring holds, in the order of the ring."""
+        return self.rows[seed, : self.sizes[seed]]
+
+    def restore(self, seed: int, held: torch.Tensor, added: int) -> None:
+        """Makes a ring what it was when it gave `held` and `added`.
+
+        Raises:
+            ValueError: such a ring holds another number of rows.
+        """
+        self.added[seed] = added
+        copy_into({"replay": self.held(seed)}, {"replay": held})
 
     def sample_indices(
         self, generators: list[np.random.Generator], updates: int, batch: int

@@ -14,8 +14,8 @@ from hac_suite.exploration import Purpose
 from hac_suite.hierarchy import collect
 from hac_suite.policy import Policy
 from hac_suite.population import Population
-from hac_suite.record import Round
-from hac_suite.transitions import penalised
+from hac_suite.state import SeedState, restoring
+from hac_suite.tally import Tally
 from hac_suite.types import VectorEnv
 
 
@@ -25,6 +25,14 @@ class Progress(NamedTuple):
     train_episodes: int  # per seed
     total_episodes: int
     success_rate: float  # of the last test period, mean over seeds
+
+
+class Boundary(NamedTuple):
+    """A moment between rounds, at which a training can be saved and gone on with later."""
+
+    train_episodes: int  # per seed
+    tested: bool  # a test period has just ended, and its result been taken
+    states: Callable[[], Iterator[SeedState]]  # of each seed, to be used before this returns
 
 
 class PeriodResult(NamedTuple):
@@ -45,69 +53,34 @@ def train(
     periods: int,
     on_progress: Callable[[Progress], None] | None = None,
     device: torch.device | str = "cpu",
+    start: Sequence[SeedState] = (),
+    on_boundary: Callable[[Boundary], None] | None = None,
 ) -> Iterator[PeriodResult]:
     """Trains one agent per seed; yields each test period, the untrained one (period 0) first.
 
-    A seed's results depend on nothing but the seed, the config and the task.
+    A seed's results depend on nothing but the seed, the config and the task: not on the other
+    seeds, and not on whether it was trained in one go.
 
     Args:
         make_env: makes a vectorised environment of the given size.
         horizons: (T_0, ..., T_n), n = subgoal_layers.
         device: where the agents learn; "cuda" takes a round of updates as one CUDA graph.
+        start: the seeds' states at an earlier boundary, all of the same episode: the training
+            goes on from there, with the test period that comes next.
+        on_boundary: called after each round and test period but the last.
 
     Raises:
-        ValueError: seeds repeat, or horizons do not match subgoal_layers.
+        ValueError: seeds repeat, horizons do not match subgoal_layers, or `start` is not of these
+            seeds and this config.
     """
     if len(set(seeds)) != len(seeds) or not seeds:
         raise ValueError(f"Seeds must be given and differ from each other: {list(seeds)}.")
     if len(horizons) != subgoal_layers + 1:
         raise ValueError(f"{subgoal_layers} subgoal layers need {subgoal_layers + 1} horizons.")
-    training = _Training(make_env, config, tuple(seeds), horizons, on_progress, device)
-    return training.run(periods)
-
-
-class _Tally:
-    """Sums over training episodes since the last test period, per seed."""
-
-    def __init__(self, seeds: int, levels: int):
-        self.episodes = 0
-        self.diverged = np.zeros(seeds, np.int64)
-        # Per level: [attempts, subgoals achieved, tested, penalised, segments, segments reached].
-        self.counts = np.zeros((levels, 6, seeds))
-
-    def add(self, run: Round, config: Config) -> None:
-        per_seed = (len(self.diverged), config.episodes_per_round)
-        self.episodes += config.episodes_per_round
-        self.diverged += run.diverged.reshape(per_seed).sum(1)
-        for level, record in enumerate(run.levels):
-            flags = (
-                record.done,
-                record.done & record.hit,
-                record.done & record.tested,
-                penalised(record, config),
-                record.segment_end,
-                record.segment_end & record.reached,
-            )
-            for row, flag in enumerate(flags):
-                self.counts[level, row] += flag.sum(0).reshape(per_seed).sum(1)
-
-    def columns(self, level: int, seed: int) -> dict[str, float]:
-        """Attempts an episode, and rates; only levels that propose subgoals have those of them."""
-        attempts, hit, tested, penalties, segments, reached = self.counts[level, :, seed]
-        proposes = {
-            "achieved": _ratio(hit, attempts),
-            "tested": _ratio(tested, attempts),
-            "penalised": _ratio(penalties, attempts),
-        }
-        return {
-            "proposed": _ratio(attempts, self.episodes),
-            **(proposes if level else dict.fromkeys(proposes, np.nan)),
-            "success": _ratio(reached, segments),
-        }
-
-
-def _ratio(part: float, whole: float) -> float:
-    return part / whole if whole else np.nan
+    training = _Training(make_env, config, tuple(seeds), horizons, device)
+    if start:
+        training.restore(start)
+    return training.run(periods, on_progress, on_boundary)
 
 
 class _Training:
@@ -119,11 +92,9 @@ class _Training:
         config: Config,
         seeds: tuple[int, ...],
         horizons: tuple[int, ...],
-        on_progress: Callable[[Progress], None] | None,
-        device: torch.device | str = "cpu",
+        device: torch.device | str,
     ):
         self._config, self._seeds, self._horizons = config, seeds, horizons
-        self._on_progress = on_progress
         self._env = make_env(len(seeds) * config.episodes_per_round)
         self._test_env = make_env(len(seeds) * config.test_episodes)
         self._population = Population(self._env, config, horizons, seeds, device)
@@ -131,28 +102,75 @@ class _Training:
         self._episodes = 0
         self._steps = np.zeros(len(seeds), np.int64)
         self._tally = self._new_tally()
+        self._rows: list[list[dict[str, Any]]] = [[] for _ in seeds]  # of the periods so far
         self._started = time.monotonic()
+        self._earlier = np.zeros(len(seeds))  # seconds before that, in earlier processes
 
-    def _new_tally(self) -> _Tally:
-        return _Tally(len(self._seeds), len(self._horizons))
+    def _new_tally(self) -> Tally:
+        return Tally(len(self._seeds), len(self._horizons))
 
     def _episode_seeds(self, purpose: Purpose, first: int, count: int) -> np.ndarray:
         return np.concatenate(
             [exploration.episode_seeds(seed, purpose, first, count) for seed in self._seeds]
         )
 
-    def run(self, periods: int) -> Iterator[PeriodResult]:
-        total = periods * self._config.episodes_per_period
-        result = self._test(0)
-        for period in range(1, periods + 1):
-            yield result
-            success = float(np.mean([row["success_rate"] for row in result.rows]))
-            while self._episodes < period * self._config.episodes_per_period:
+    def _seconds(self, index: int) -> float:
+        return float(self._earlier[index] + time.monotonic() - self._started)
+
+    def states(self) -> Iterator[SeedState]:
+        """Of each seed, one after the other."""
+        for index, seed in enumerate(self._seeds):
+            learnt = self._population.state(index)
+            own = {
+                "seed": seed,
+                "train_episodes": self._episodes,
+                "train_steps": int(self._steps[index]),
+                "seconds": self._seconds(index),
+                "tally": self._tally.state(index),
+                "rows": list(self._rows[index]),
+            }
+            yield SeedState(learnt.tensors, {**learnt.numbers, **own})
+
+    def restore(self, states: Sequence[SeedState]) -> None:
+        """Becomes what gave these states, one for each seed.
+
+        Raises:
+            ValueError: they are of other seeds, or of another config, or not of one episode.
+        """
+        with restoring():
+            episodes = sorted({state.numbers["train_episodes"] for state in states})
+            if len(episodes) > 1:
+                raise ValueError(f"The seeds' states are of different episodes {episodes}.")
+            (self._episodes,) = episodes
+            if tuple(state.numbers["seed"] for state in states) != self._seeds:
+                raise ValueError(f"These are not states of the seeds {list(self._seeds)}.")
+            for index, state in enumerate(states):
+                numbers = state.numbers
+                self._population.restore(index, state)
+                self._tally.restore(index, numbers["tally"])
+                self._steps[index] = numbers["train_steps"]
+                self._earlier[index] = numbers["seconds"]
+                self._rows[index] = list(numbers["rows"])
+
+    def run(
+        self,
+        periods: int,
+        on_progress: Callable[[Progress], None] | None,
+        on_boundary: Callable[[Boundary], None] | None,
+    ) -> Iterator[PeriodResult]:
+        """Trains and tests from where it stands until `periods` are done."""
+        per_period = self._config.episodes_per_period
+        for period in range(len(self._rows[0]), periods + 1):
+            while self._episodes < period * per_period:
                 self._train_round()
-                if self._on_progress:
-                    self._on_progress(Progress(self._episodes, total, success))
-            result = self._test(period)
-        yield result
+                if on_progress:
+                    success = float(np.mean([rows[-1]["success_rate"] for rows in self._rows]))
+                    on_progress(Progress(self._episodes, periods * per_period, success))
+                if on_boundary and self._episodes < period * per_period:
+                    on_boundary(Boundary(self._episodes, False, self.states))
+            yield self._test(period)
+            if on_boundary and period < periods:
+                on_boundary(Boundary(self._episodes, True, self.states))
 
     def _train_round(self) -> None:
         population, config = self._population, self._config
@@ -186,6 +204,8 @@ class _Training:
         diagnosed = population.diagnose(period)
         rows = [self._row(period, i, stats, diagnosed) for i in range(len(self._seeds))]
         self._tally = self._new_tally()
+        for own, row in zip(self._rows, rows, strict=True):
+            own.append(row)
         return PeriodResult(period, rows, population.policies())
 
     def _row(
@@ -207,7 +227,7 @@ class _Training:
             "test_episodes": tests,
             "success_rate": float(success.mean()),
             "mean_steps_to_goal": float(steps[success].mean()) if success.any() else np.nan,
-            "wall_seconds": time.monotonic() - self._started,
+            "wall_seconds": self._seconds(index),
             "diverged_episodes": int(self._tally.diverged[index] + stats.diverged[own].sum()),
         }
         for level, measured in enumerate(diagnosed):
