@@ -6,6 +6,7 @@ import multiprocessing
 import os
 import signal
 import sys
+import threading
 import time
 import traceback
 from collections.abc import Callable, Sequence
@@ -20,6 +21,7 @@ Send = Callable[[Any], None]
 Work = Callable[[Job, Send], None]
 
 _POLL_SECONDS = 0.2
+_GRACE_SECONDS = 60.0  # for workers to save what they are at
 
 
 class Started(NamedTuple):
@@ -52,10 +54,13 @@ class StopSignal:
 
     def _receive(self, number: int, _) -> None:
         self.number = number
+        with contextlib.suppress(OSError):
+            os.write(2, _STOPPING_TEXT)  # safe in a handler, as print is not
         for stopping in _STOPPING:
             signal.signal(stopping, signal.SIG_DFL)
 
 
+_STOPPING_TEXT = b"\nstopping: unfinished runs are saved; once more quits at once\n"
 _STOPPING = (signal.SIGINT, signal.SIGTERM)
 
 
@@ -104,8 +109,10 @@ def execute(
                 on_message(worker.job, message)
             on_poll()
     finally:
+        for worker in running:  # all at once: each may have a checkpoint to write first
+            worker.process.terminate()
         for worker in running:
-            _end(worker.process)
+            _end(worker.process, _GRACE_SECONDS)
 
 
 def _start(job: Job, work: Work, log: Callable[[Job], Path]) -> _Worker:
@@ -139,11 +146,11 @@ def _epitaph(exit_code: int | None) -> str:
     return f"the worker process was killed by {name}{hint}"
 
 
-def _end(process: BaseProcess) -> None:
+def _end(process: BaseProcess, grace: float = 5.0) -> None:
     """Sees to it that the process is gone."""
     if process.is_alive():
         process.terminate()
-        process.join(timeout=5)
+        process.join(timeout=grace)
     if process.is_alive():
         process.kill()
         process.join()
@@ -157,6 +164,7 @@ def _main(work: Work, job: Job, messages: Connection, log: Path) -> None:
         os.dup2(file.fileno(), sys.stdout.fileno())
         os.dup2(file.fileno(), sys.stderr.fileno())
     faulthandler.enable()
+    threading.Thread(target=_die_with_the_parent, daemon=True).start()
     try:
         work(job, messages.send)
     except BrokenPipeError:
@@ -168,3 +176,11 @@ def _main(work: Work, job: Job, messages: Connection, log: Path) -> None:
             messages.send(Failed(f"{type(error).__name__}: {error}".splitlines()[0]))
     else:
         messages.send(Finished(0.0))
+
+
+def _die_with_the_parent() -> None:
+    """A launch that was killed can be started again at once: nothing of it is still at work."""
+    parent = multiprocessing.parent_process()
+    assert parent is not None
+    wait([parent.sentinel])
+    os._exit(1)

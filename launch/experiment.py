@@ -2,19 +2,22 @@
 
 import contextlib
 import functools
-from collections.abc import Sequence
+from collections import defaultdict
+from collections.abc import Mapping, Sequence
 
 from rich.console import Console
 
 import hac_suite
 import tasks
-from launch import manifest, planning, presentation, results, settings, training
+from launch import checkpoints, manifest, planning, presentation, settings, training
 from launch.command_line import Request
 from launch.execution import StopSignal, execute
 from launch.planning import Agent
 from launch.progress import Board
 from launch.recording import Recorder
 from launch.run_folder import RunFolder
+
+Standings = dict[Agent, dict[int, checkpoints.Standing]]  # of interrupted runs, by seed
 
 
 def run(request: Request, command: Sequence[str], *, work=training.train_job) -> int:
@@ -34,31 +37,47 @@ def run(request: Request, command: Sequence[str], *, work=training.train_job) ->
     console = Console()
     folders = {task: RunFolder(request.out, task) for task in request.tasks}
     with contextlib.ExitStack() as held, StopSignal() as stop:
-        _lock(list(folders.values()), request, held)
+        found = _lock(list(folders.values()), request, held, console)
         workers = request.workers or manifest.cores()
         manifests = {
             task: manifest.add_launch(_manifest(folder, request), command, workers, request.device)
             for task, folder in folders.items()
         }
         recorder = Recorder(folders, manifests, console)
-        _train(request, recorder, workers, work, console, stop)
+        _train(request, recorder, found, workers, work, console, stop)
         if stop.number is None:
             presentation.present(folders.values(), request, console, stop)
         recorder.close(stopped=stop.number is not None)
         return _conclude(request, folders, recorder, console, stop)
 
 
-def _lock(folders: Sequence[RunFolder], request: Request, held: contextlib.ExitStack) -> None:
-    """Locks all folders; what is refused is refused before any folder is made."""
+def _lock(
+    folders: Sequence[RunFolder],
+    request: Request,
+    held: contextlib.ExitStack,
+    console: Console,
+) -> Standings:
+    """Locks all folders; what is refused is refused before any folder is made.
+
+    Returns:
+      Where the interrupted runs among those asked for stand.
+    """
+    found: Standings = {}
     there = [folder for folder in folders if folder.path.exists()]
     for folder in there:
         held.enter_context(folder.lock())
     for folder in there:
-        _manifest(folder, request)
-        results.read(folder.results)
+        horizons = _manifest(folder, request)["horizons"]
+        for layers in request.subgoal_layers:
+            agent = Agent(folder.task, layers)
+            seeds = _unfinished(folder, layers, request)
+            run = checkpoints.Run(agent, tuple(horizons[str(layers)]), request.config)
+            say = functools.partial(console.print, soft_wrap=True)
+            found[agent] = checkpoints.standings(folder, run, seeds, request.periods, say)
     for folder in folders:
         if folder not in there:
             held.enter_context(folder.lock())
+    return found
 
 
 def _manifest(folder: RunFolder, request: Request) -> manifest.Manifest:
@@ -88,26 +107,30 @@ def _max_steps(task: str) -> int:
 def _train(
     request: Request,
     recorder: Recorder,
+    found: Standings,
     workers: int,
     work,
     console: Console,
     stop: StopSignal,
 ) -> None:
     """Trains what is missing."""
-    missing = {}
+    missing = defaultdict[planning.Group, list[int]](list)
     for task, folder in recorder.folders.items():
-        wanted = {
-            layers: _missing(folder, layers, request, console) for layers in request.subgoal_layers
-        }
-        recorder.prepare(
-            task, [(layers, seed) for layers, seeds in wanted.items() for seed in seeds]
-        )
-        missing.update({Agent(task, layers): seeds for layers, seeds in wanted.items()})
-    jobs = planning.plan(missing, workers)
+        runs: dict[tuple[int, int], list[dict]] = {}
+        for layers in request.subgoal_layers:
+            agent = Agent(task, layers)
+            standings = found.get(agent, {})
+            for seed in _missing(folder, layers, request, standings, console):
+                standing = standings.get(seed, checkpoints.Standing(0, []))
+                runs[layers, seed] = standing.rows
+                missing[planning.Group(agent, standing.train_episodes)].append(seed)
+        recorder.prepare(task, runs)
+    episodes = request.periods * request.config.episodes_per_period
+    groups = {group: tuple(seeds) for group, seeds in missing.items()}
+    jobs = planning.plan(groups, workers, episodes)
     if not jobs:
         return
     plans = {task: _plan(task, request, recorder) for task in request.tasks}
-    episodes = request.periods * request.config.episodes_per_period
     with Board(jobs, episodes, console) as board:
 
         def poll() -> None:
@@ -125,15 +148,34 @@ def _train(
         )
 
 
-def _missing(folder: RunFolder, layers: int, request: Request, console: Console) -> tuple[int, ...]:
-    """Seeds of an agent that are still to be trained; says what is not."""
+def _unfinished(folder: RunFolder, layers: int, request: Request) -> tuple[int, ...]:
+    finished = folder.finished(Agent(folder.task, layers), request.periods)
+    return tuple(seed for seed in request.seeds if seed not in finished)
+
+
+def _missing(
+    folder: RunFolder,
+    layers: int,
+    request: Request,
+    standings: Mapping[int, checkpoints.Standing],
+    console: Console,
+) -> tuple[int, ...]:
+    """Seeds of an agent that are still to be trained; says which are not, and which go on."""
     agent = Agent(folder.task, layers)
-    finished = folder.finished(agent, request.periods)
-    missing = tuple(seed for seed in request.seeds if seed not in finished)
-    if len(missing) < len(request.seeds):
-        done = len(request.seeds) - len(missing)
+    missing = _unfinished(folder, layers, request)
+    finished = set(request.seeds) - set(missing)
+    folder.drop_checkpoints((layers, seed) for seed in finished)
+    if finished:
+        done = len(finished)
         console.print(f"{agent}: {done} of {len(request.seeds)} seeds are finished already")
-    shorter = [seed for seed in missing if folder.has_policy(layers, seed)]
+    if standings:
+        episodes = sorted({standing.train_episodes for standing in standings.values()})
+        console.print(
+            f"{agent}: {len(standings)} seeds go on from episode {', '.join(map(str, episodes))}"
+        )
+    shorter = [
+        seed for seed in missing if seed not in standings and folder.has_policy(layers, seed)
+    ]
     if shorter:
         console.print(
             f"{agent}: {len(shorter)} seeds were trained for fewer than {request.periods} periods; "

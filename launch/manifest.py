@@ -30,7 +30,7 @@ def new(task: str, max_steps: int, config: Mapping[str, Any]) -> Manifest:
         "max_steps": max_steps,
         "horizons": {},  # attempts (T_0, ..., T_n) of each level, by number of subgoal layers
         "config": dict(config),
-        "jobs": [],  # trainings that ended well: subgoal_layers, seeds, periods, seconds
+        "jobs": [],  # trainings that ended well: subgoal_layers, seeds, periods, seconds...
         "earlier_launches": [],  # oldest first; the latest is at the top level
     }
 

@@ -21,11 +21,20 @@ class Agent(NamedTuple):
         return f"{self.task}, {self.subgoal_layers} subgoal layer{plural}"
 
 
+class Group(NamedTuple):
+    """Where some seeds of an agent stand: only those at the same episode train side by side."""
+
+    agent: Agent
+    train_episodes: int = 0
+
+
 class Job(NamedTuple):
     """One agent and the seeds that one worker process trains as a population."""
 
     agent: Agent
     seeds: tuple[int, ...]
+    start: int = 0  # the training episode of each seed that it goes on from
+    stop: int = 1  # and the one that it ends with
 
     @property
     def name(self) -> str:
@@ -36,38 +45,46 @@ class Job(NamedTuple):
     @property
     def cost(self) -> float:
         """Relative duration: every level of every seed has its own networks to update."""
-        return (self.agent.subgoal_layers + 1) * (len(self.seeds) + _OVERHEAD)
+        episodes = self.stop - self.start
+        return (self.agent.subgoal_layers + 1) * (len(self.seeds) + _OVERHEAD) * episodes
 
 
-def plan(missing: Mapping[Agent, tuple[int, ...]], workers: int) -> list[Job]:
-    """Jobs for the missing seeds of each agent, longest first.
+def plan(missing: Mapping[Group, tuple[int, ...]], workers: int, episodes: int = 1) -> list[Job]:
+    """Jobs for the missing seeds of each group, longest first.
 
-    An agent's seeds stay together as far as that keeps all workers busy, since a population shares
-    its matrix products: of the plans made by cutting the agent of the longest job into one piece
+    `episodes` is how many each seed is to have been trained for in the end.
+
+    A group's seeds stay together as far as that keeps all workers busy, since a population shares
+    its matrix products: of the plans made by cutting the group of the longest job into one piece
     more, again and again, the one of fewest jobs that ends nearly as early as any. A seed's results
     do not depend on the seeds it is trained with, so that any grouping gives the same experiment.
     """
-    pieces = {agent: 1 for agent, seeds in missing.items() if seeds}
-    plans = [_jobs(missing, pieces)]
+    pieces = {group: 1 for group, seeds in missing.items() if seeds}
+    plans = [_jobs(missing, pieces, episodes)]
     while len(plans[-1]) < _MOST_JOBS_PER_WORKER * workers:
         longest = max((job for job in plans[-1] if len(job.seeds) > 1), key=_cost, default=None)
         if longest is None:
             break
-        pieces[longest.agent] += 1
-        plans.append(_jobs(missing, pieces))
+        pieces[Group(longest.agent, longest.start)] += 1
+        plans.append(_jobs(missing, pieces, episodes))
     busy = [jobs for jobs in plans if len(jobs) >= workers] or plans[-1:]
     ends = [makespan([job.cost for job in jobs], workers) for jobs in busy]
     good = (jobs for jobs, end in zip(busy, ends, strict=True) if end <= _NEARLY * min(ends))
     return next(good)
 
 
-def _jobs(missing: Mapping[Agent, tuple[int, ...]], pieces: Mapping[Agent, int]) -> list[Job]:
-    """Each agent's seeds in so many pieces of about the same size; the longest job first."""
+def _jobs(
+    missing: Mapping[Group, tuple[int, ...]], pieces: Mapping[Group, int], episodes: int
+) -> list[Job]:
+    """Each group's seeds in so many pieces of about the same size; the longest job first."""
     jobs = []
-    for agent, count in pieces.items():
-        seeds = tuple(missing[agent])
+    for group, count in pieces.items():
+        seeds = tuple(missing[group])
         ends = [-(-len(seeds) * piece // count) for piece in range(count + 1)]
-        jobs += [Job(agent, seeds[start:end]) for start, end in itertools.pairwise(ends)]
+        jobs += [
+            Job(group.agent, seeds[start:end], group.train_episodes, episodes)
+            for start, end in itertools.pairwise(ends)
+        ]
     return sorted(jobs, key=_cost, reverse=True)
 
 

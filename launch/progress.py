@@ -17,7 +17,7 @@ class _JobState:
 
     def __init__(self, job: Job, episodes: int) -> None:
         self.job = job
-        self.episodes, self.total = 0, episodes
+        self.episodes, self.total = job.start, episodes
         self.success: float | None = None
         self.started: float | None = None
         self.outcome = ""
@@ -25,9 +25,10 @@ class _JobState:
     def seconds_left(self, now: float) -> float | None:
         if self.outcome:
             return 0.0
-        if self.started is None or self.episodes == 0:
+        done = self.episodes - self.job.start
+        if self.started is None or done == 0:
             return None
-        return (now - self.started) * (self.total - self.episodes) / self.episodes
+        return (now - self.started) * (self.total - self.episodes) / done
 
 
 class Board:

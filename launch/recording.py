@@ -1,7 +1,7 @@
 """Writes what the workers report into the run folders; nothing else writes results.csv."""
 
 import time
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from rich.console import Console
@@ -13,7 +13,7 @@ from launch.execution import Failed, Finished, Started
 from launch.planning import Job
 from launch.progress import Board
 from launch.run_folder import RunFolder
-from launch.training import Tested
+from launch.training import Tested, Warned
 
 _SECONDS_BETWEEN_FIGURES = 20.0
 
@@ -39,10 +39,12 @@ class Recorder:
         self._outdated: set[str] = set()  # tasks whose figure lacks rows
         self._periods: dict[Job, int] = {}  # the last that each job tested
 
-    def prepare(self, task: str, retrained: Iterable[tuple[int, int]]) -> None:
-        """Readies a folder to receive the runs (subgoal_layers, seed) that are about to start."""
+    def prepare(
+        self, task: str, runs: Mapping[tuple[int, int], Sequence[Mapping[str, Any]]]
+    ) -> None:
+        """Readies a folder for the runs that are about to start or to go on, as it has them."""
         folder = self.folders[task]
-        dropped = folder.prepare(retrained)
+        dropped = folder.prepare(runs)
         if dropped:
             self._console.print(
                 f"warning: dropped {dropped} line(s) of {folder.results} that a kill had cut short",
@@ -58,6 +60,8 @@ class Recorder:
             board.progressed(job, message.train_episodes, message.success_rate)
         elif isinstance(message, Tested):
             self._tested(board, job, message)
+        elif isinstance(message, Warned):
+            self._console.print(f"warning: {job.agent}: {message.text}", soft_wrap=True)
         elif isinstance(message, Finished):
             board.ended(job, "done")
             self._finished(job, message)
@@ -95,9 +99,12 @@ class Recorder:
         record = {
             "subgoal_layers": subgoal_layers,
             "seeds": list(job.seeds),
+            "from_episode": job.start,
             "periods": self._periods[job],
             "seconds": round(message.seconds, 1),
         }
+        # Not before now: until its last rows are in the file, a run can be needed again.
+        self.folders[task].drop_checkpoints((subgoal_layers, seed) for seed in job.seeds)
         self.manifests[task]["jobs"].append(record)
         manifest.write(self.folders[task].manifest, self.manifests[task])
 

@@ -1,14 +1,15 @@
 """A task's run folder: its layout, its lock, and which seeds are finished in it."""
 
+import contextlib
 import fcntl
 import glob
 import json
 import os
 import shutil
 import time
-from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 from launch import results
 from launch.errors import CommandError
@@ -38,6 +39,7 @@ class RunFolder:
         self.policies = self.path / "policies"
         self.videos = self.path / "videos"
         self.failures = self.path / "failures"
+        self.checkpoints = self.path / "checkpoints"
 
     def policy(self, subgoal_layers: int, seed: int) -> Path:
         """Path of a policy without its two suffixes."""
@@ -46,6 +48,17 @@ class RunFolder:
     def video(self, subgoal_layers: int) -> Path:
         return self.videos / f"{self.task}_{subgoal_layers}layers.mp4"
 
+    def checkpoint(self, subgoal_layers: int, seed: int) -> Path:
+        """The folder of an unfinished run's checkpoints."""
+        return self.checkpoints / f"{self.task}_{subgoal_layers}layers_seed{seed}"
+
+    def drop_checkpoints(self, runs: Iterable[tuple[int, int]]) -> None:
+        """Removes the checkpoints of runs (subgoal_layers, seed) whose results are all here."""
+        for run in runs:
+            shutil.rmtree(self.checkpoint(*run), ignore_errors=True)
+        with contextlib.suppress(OSError):  # others are unfinished, or there was none
+            self.checkpoints.rmdir()
+
     def failure(self, job: Job) -> Path:
         return self.failures / f"{job.name}.txt"
 
@@ -53,7 +66,7 @@ class RunFolder:
         """What a worker prints while it runs; becomes its failure file if it fails."""
         return self.path / f".{job.name}.log"
 
-    @contextmanager
+    @contextlib.contextmanager
     def lock(self) -> Iterator[None]:
         """Makes the folder and keeps other launches out of it; a dead launch's lock is void.
 
@@ -105,11 +118,12 @@ class RunFolder:
         stem = self.policy(subgoal_layers, seed)
         return [stem.with_name(stem.name + suffix) for suffix in POLICY_SUFFIXES]
 
-    def prepare(self, retrained: Iterable[tuple[int, int]]) -> int:
-        """Makes the subfolders and drops what stands in the way of training these seeds anew.
+    def prepare(self, runs: Mapping[tuple[int, int], Sequence[Mapping[str, Any]]]) -> int:
+        """Makes the subfolders and drops what stands in the way of training these seeds.
 
         Args:
-          retrained: (subgoal_layers, seed) of each run that is about to start.
+          runs: (subgoal_layers, seed) of each run that is about to start or to go on, with the
+            rows of the test periods that are behind it: results.csv will hold those of its rows.
 
         Returns:
           How many lines of results.csv had been cut short by a kill, and were dropped.
@@ -117,12 +131,11 @@ class RunFolder:
         for folder in (self.policies, self.videos):
             folder.mkdir(exist_ok=True)
         shutil.rmtree(self.failures, ignore_errors=True)
-        retrained = list(retrained)
-        doomed = [file for run in retrained for file in self._policy_files(*run)]
+        doomed = [file for run in runs for file in self._policy_files(*run)]
         for file in [*self._leftovers(), *doomed]:
             if not file.is_dir():
                 file.unlink(missing_ok=True)
-        return self._drop_rows(retrained)
+        return self._set_rows(runs)
 
     def _leftovers(self) -> Iterator[Path]:
         """What a kill can leave half written; files of other names are not ours to remove."""
@@ -134,12 +147,13 @@ class RunFolder:
             yield from self.policies.glob(f".{task}_*layers_seed*{suffix}")
         yield from self.videos.glob(f".{task}_*layers.[0-9]*.mp4")
 
-    def _drop_rows(self, retrained: Iterable[tuple[int, int]]) -> int:
-        doomed = {(str(layers), str(seed)) for layers, seed in retrained}
+    def _set_rows(self, runs: Mapping[tuple[int, int], Sequence[Mapping[str, Any]]]) -> int:
+        own = {(str(layers), str(seed)) for layers, seed in runs}
         rows, dropped = results.read(self.results)
-        kept = [row for row in rows if (row["subgoal_layers"], row["seed"]) not in doomed]
-        if dropped or len(kept) != len(rows) or not self.results.exists():
-            results.rewrite(self.results, kept)
+        kept = [row for row in rows if (row["subgoal_layers"], row["seed"]) not in own]
+        tested = [row for behind in runs.values() for row in behind]
+        if dropped or tested or len(kept) != len(rows) or not self.results.exists():
+            results.rewrite(self.results, [*kept, *tested])
         return dropped
 
     def keep_failure(self, job: Job) -> Path:

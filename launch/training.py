@@ -2,6 +2,7 @@
 
 import functools
 import os
+import signal
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
@@ -10,7 +11,7 @@ import torch
 
 import hac_suite
 import tasks
-from launch import settings
+from launch import checkpoints, settings
 from launch.execution import Send
 from launch.planning import Job
 from launch.run_folder import POLICY_SUFFIXES, RunFolder
@@ -21,6 +22,12 @@ class Tested(NamedTuple):
 
     period: int
     rows: list[dict]
+
+
+class Warned(NamedTuple):
+    """What a person should know at once, though the job goes on."""
+
+    text: str
 
 
 class Plan(NamedTuple):
@@ -34,15 +41,23 @@ class Plan(NamedTuple):
 
 
 def train_job(job: Job, send: Send, *, plans: Mapping[str, Plan]) -> None:
-    """Trains the job's seeds; sends hac_suite.Progress and Tested messages.
+    """Trains the job's seeds on from where they stand; sends Progress, Tested and Warned messages.
 
     The last period's policies are on the disk before its rows are sent: a seed with all its rows
-    has its policy.
+    has its policy. SIGTERM ends it at the next round, with a checkpoint.
     """
     torch.set_num_threads(1)
     torch.set_flush_denormal(True)
     task, subgoal_layers = job.agent
     plan = plans[task]
+    saver = checkpoints.Saver(
+        RunFolder(plan.out, task),
+        checkpoints.Run(job.agent, plan.horizons[subgoal_layers], plan.config),
+        job.seeds,
+        job.start,
+        warn=lambda text: send(Warned(text)),
+    )
+    signal.signal(signal.SIGTERM, saver.stop)
     results = hac_suite.train(
         functools.partial(tasks.load_vector, task),
         plan.config,
@@ -52,6 +67,8 @@ def train_job(job: Job, send: Send, *, plans: Mapping[str, Plan]) -> None:
         periods=plan.periods,
         on_progress=send,
         device=plan.device,
+        start=saver.states(),
+        on_boundary=saver.at_boundary,
     )
     for result in results:
         rows = [{"task": task, **row} for row in result.rows]

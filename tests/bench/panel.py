@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import hac_suite
 import tasks
-from launch.planning import Agent, Job, makespan, plan
+from launch.planning import Agent, Group, Job, makespan, plan
 from tests.bench.population import TASK, Training
 from tests.bench.repeats import entry, rounded, summary
 from tests.bench.team import Team, held_memory
@@ -99,7 +99,8 @@ def panel(say: Callable[[str], None]) -> dict[str, Any]:
     """`panel_minutes` and the shares of every task, and the memory of pick-and-place."""
     measured: dict[str, list[Measured]] = {}
     for task in tasks.ALL:
-        jobs = plan({Agent(task, layers): tuple(range(SEEDS)) for layers in LAYERS}, WORKERS)
+        groups = {Group(Agent(task, layers)): tuple(range(SEEDS)) for layers in LAYERS}
+        jobs = plan(groups, WORKERS)
         measured[task] = []
         for job in jobs:
             say(f"panel: {job.agent}, {len(job.seeds)} seeds")

@@ -38,7 +38,7 @@ class Training:
 
         self.max_steps = tasks.load_vector(task, 1).max_steps
         horizons = hac_suite.horizons(self.max_steps, subgoal_layers)
-        self._training = _Training(make_env, config, tuple(seeds), horizons, None)
+        self._training = _Training(make_env, config, tuple(seeds), horizons, "cpu")
         self.config = config
         self.episodes = 0
         self._meter = Meter()

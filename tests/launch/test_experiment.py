@@ -154,7 +154,7 @@ def test_a_skipped_refresh_of_the_figure_is_made_up_for(tmp_path, monkeypatch):
         recorder = Recorder(
             {folder.task: folder}, {folder.task: manifest.new("", 0, {})}, Console()
         )
-        recorder.prepare(folder.task, [])
+        recorder.prepare(folder.task, {})
         with Board([job], 8, Console(file=io.StringIO())) as board:
             for period in range(3):
                 rows = [fake_jobs.row(job, 0, period)]

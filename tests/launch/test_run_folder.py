@@ -35,7 +35,7 @@ def row(seed: int, period: int, layers: int = 1) -> dict:
 def folder(tmp_path) -> RunFolder:
     folder = RunFolder(tmp_path, "pick_place")
     with folder.lock():
-        folder.prepare([])
+        folder.prepare({})
     return folder
 
 
@@ -99,7 +99,7 @@ def test_a_line_cut_short_is_dropped(folder, cut):
     rows, dropped = results.read(folder.results)
     assert ([r["period"] for r in rows], dropped) == (["0"], 1)
     with folder.lock():
-        assert folder.prepare([]) == 1
+        assert folder.prepare({}) == 1
     assert folder.results.read_bytes() == whole[: whole.rstrip().rfind(b"\n") + 1]
 
 
@@ -110,7 +110,7 @@ def test_preparing_drops_the_runs_of_seeds_trained_anew_and_no_others(folder):
     folder.failures.mkdir()
     (folder.failures / "old.txt").touch()
     with folder.lock():
-        assert folder.prepare([(1, 1)]) == 0
+        assert folder.prepare({(1, 1): []}) == 0
     kept = [(r["subgoal_layers"], r["seed"]) for r in results.read(folder.results)[0]]
     assert kept == [("1", "0"), ("2", "1")]
     assert [folder.has_policy(*run) for run in ((1, 0), (1, 1), (2, 1))] == [True, False, True]
@@ -133,7 +133,7 @@ def test_preparing_removes_what_a_kill_left_half_written_and_nothing_else(folder
     ):  # fmt: skip
         (folder.path / name).touch()
     with folder.lock():
-        folder.prepare([(1, 0)])
+        folder.prepare({(1, 0): []})
     files = {str(p.relative_to(folder.path)) for p in folder.path.rglob(".*") if p.is_file()}
     assert files == {".lock", *theirs}
 
@@ -157,7 +157,7 @@ def test_half_written_files_have_the_names_that_preparing_removes(folder, monkey
     monkeypatch.undo()
     assert len([p for p in folder.path.rglob(".*") if p.name != ".lock"]) == 6
     with folder.lock():
-        folder.prepare([])
+        folder.prepare({})
     assert [p.name for p in folder.path.rglob(".*")] == [".lock"]
 
 
@@ -207,7 +207,7 @@ def test_names_that_are_not_folder_names_are_refused(tmp_path, name):
 def test_out_may_have_spaces_and_any_letters(tmp_path):
     folder = RunFolder(tmp_path / "my runs é中", "pick_place")
     with folder.lock():
-        folder.prepare([])
+        folder.prepare({})
     assert folder.results.parent == tmp_path / "my runs é中" / "pick_place"
 
 

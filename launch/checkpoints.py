@@ -1,0 +1,163 @@
+"""Where interrupted runs stand, and how a worker keeps its own run's standing on the disk."""
+
+import time
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import hac_suite
+from hac_suite import checkpoint
+from launch import manifest, settings
+from launch.errors import CommandError
+from launch.planning import Agent
+from launch.run_folder import RunFolder
+
+MOST_SECONDS_BETWEEN = 300.0
+# A checkpoint waits until those before it have cost no more than this share of the time.
+MOST_SHARE = 0.04
+
+_OTHER_RUN = "{file} is a checkpoint of another run ({differences}); move it away"
+_LONGER_RUN = (
+    "{agent}, seed {seed}: interrupted after test period {period} of a longer run; "
+    "give --periods={least} or more, or remove {file}"
+)
+_RESULTS_DEPEND_ON = ("dm-control", "mujoco", "numpy", "torch")
+
+
+class Standing(NamedTuple):
+    """An interrupted run (an agent and a seed) as its newest whole checkpoint has it."""
+
+    train_episodes: int
+    rows: list[dict[str, Any]]  # of results.csv, of the test periods so far
+
+
+class Run(NamedTuple):
+    """What an agent's runs have in common: what a checkpoint must agree with to be gone on from."""
+
+    agent: Agent
+    horizons: tuple[int, ...]
+    config: hac_suite.Config
+
+    def about(self, seed: int) -> dict[str, Any]:
+        """What the checkpoints of a seed say about whose they are."""
+        return {
+            "task": self.agent.task,
+            "subgoal_layers": self.agent.subgoal_layers,
+            "seed": seed,
+            "horizons": list(self.horizons),
+            "config": settings.as_json(self.config),
+            "versions": manifest.versions(),
+        }
+
+
+def standings(
+    folder: RunFolder, run: Run, seeds: Sequence[int], periods: int, say: Callable[[str], None]
+) -> dict[int, Standing]:
+    """Where those of the seeds stand that have a whole checkpoint; damaged ones are named.
+
+    Raises:
+      CommandError: a checkpoint is of another run, or of one that was asked for more periods.
+    """
+    found, other_versions = {}, set[str]()
+    for seed in seeds:
+        file = folder.checkpoint(run.agent.subgoal_layers, seed)
+        newest, complaints = checkpoint.newest(file)
+        for complaint in complaints:
+            say(f"warning: {complaint}")
+        if newest is None or not newest.train_episodes:
+            if complaints:
+                say(f"{run.agent}, seed {seed}: no checkpoint is whole; it starts from nothing")
+            continue
+        if complaints:
+            say(f"{run.agent}, seed {seed}: goes on from episode {newest.train_episodes}")
+        other_versions |= _check(file, newest, run.about(seed))
+        rows = newest.numbers["rows"]
+        if len(rows) > periods:
+            raise CommandError(
+                _LONGER_RUN.format(
+                    agent=run.agent,
+                    seed=seed,
+                    period=len(rows) - 1,
+                    least=len(rows),
+                    file=file,
+                )
+            )
+        rows = [{"task": folder.task, **row} for row in rows]
+        found[seed] = Standing(newest.train_episodes, rows)
+    if other_versions:
+        say(
+            f"warning: {run.agent}: interrupted with {', '.join(sorted(other_versions))}; the "
+            "rest may differ from what those would have given"
+        )
+    return found
+
+
+def _check(file: Path, found: checkpoint.Checkpoint, own: Mapping[str, Any]) -> set[str]:
+    """Versions that differ; whatever else differs is refused."""
+    differences = [
+        f"{name} is {found.about.get(name)!r} there and {own[name]!r} here"
+        for name in own
+        if name != "versions" and found.about.get(name) != own[name]
+    ]
+    if differences:
+        raise CommandError(_OTHER_RUN.format(file=file, differences="; ".join(differences)))
+    then, now = found.about.get("versions", {}), own["versions"]
+    return {
+        f"{name} {then.get(name)} (here {now[name]})"
+        for name in _RESULTS_DEPEND_ON
+        if then.get(name) != now[name]
+    }
+
+
+class Saver:
+    """Saves the seeds that a worker trains: at test periods, and every few minutes in between."""
+
+    def __init__(
+        self,
+        folder: RunFolder,
+        run: Run,
+        seeds: Sequence[int],
+        start: int,
+        warn: Callable[[str], None],
+    ) -> None:
+        """`start` is the training episode that the seeds go on from, 0 for a new run."""
+        self._folders = [folder.checkpoint(run.agent.subgoal_layers, seed) for seed in seeds]
+        self._start, self._warn = start, warn
+        about = [run.about(seed) for seed in seeds]
+        self._writer = checkpoint.Writer(self._folders, about, start or None)
+        self._saved = time.monotonic()
+        self._cost = 0.0  # seconds that the last checkpoint took
+        self._stopping = False
+        self._warned = False
+
+    def states(self) -> list[hac_suite.SeedState]:
+        """The states to go on from; none for a new run."""
+        if not self._start:
+            return []
+        return [checkpoint.load(folder, self._start) for folder in self._folders]
+
+    def stop(self, *_) -> None:
+        """Ends the process at the next boundary, with a checkpoint. A signal handler."""
+        self._stopping = True
+
+    def at_boundary(self, boundary: hac_suite.Boundary) -> None:
+        """Saves if it is time."""
+        waited = time.monotonic() - self._saved
+        due = boundary.tested or waited >= MOST_SECONDS_BETWEEN
+        affordable = waited >= self._cost / MOST_SHARE
+        if boundary.train_episodes and (self._stopping or (due and affordable)):
+            self._save(boundary)
+        if self._stopping:
+            raise SystemExit("stopped by a signal; the checkpoint holds all until here")
+
+    def _save(self, boundary: hac_suite.Boundary) -> None:
+        """A checkpoint that cannot be written is no reason to stop training."""
+        started = time.monotonic()
+        try:
+            self._writer.save(boundary.states())
+        except OSError as error:
+            if not self._warned:
+                self._warn(f"no checkpoint could be written ({error}); training goes on")
+            self._warned = True
+        self._saved = time.monotonic()
+        self._cost = self._saved - started
