@@ -171,7 +171,7 @@ def _missing(
     if standings:
         episodes = sorted({standing.train_episodes for standing in standings.values()})
         console.print(
-            f"{agent}: {len(standings)} seeds go on from episode {', '.join(map(str, episodes))}"
+            f"{agent}: {len(standings)} seed(s) go on from episode {', '.join(map(str, episodes))}"
         )
     shorter = [
         seed for seed in missing if seed not in standings and folder.has_policy(layers, seed)

@@ -1,0 +1,137 @@
+"""Launches on a tiny task, each in a forked process that can be killed at any moment.
+
+Everything from the words of the command to results.csv is real, but for the task, the pictures and
+the worker processes: jobs run one after the other in the launch's own process, and save themselves
+at every boundary.
+"""
+
+import contextlib
+import functools
+import math
+import os
+import select
+import signal
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+import tasks
+from launch import checkpoints, command_line, errors, experiment, manifest, presentation, recording
+from launch.execution import Finished, Started
+from launch.run_folder import RunFolder
+from tests.hac_suite.tiny_envs import PointEnv
+
+TASK = "pendulum_climb"
+MAX_STEPS = 20
+_WORDS = (
+    f"--task={TASK}", "--novideo", "--config.episodes_per_period=12", "--config.test_episodes=2",
+    "--config.updates_per_episode=1", "--config.batch_size=16", "--config.hidden_sizes=(8,8)",
+    "--config.replay_capacity=300",
+)  # fmt: skip
+
+
+@pytest.fixture
+def tiny(monkeypatch) -> None:
+    """Puts the tiny task in place of the real ones."""
+
+    def load_vector(name: str, num_envs: int) -> PointEnv:
+        return PointEnv(num_envs, max_steps=MAX_STEPS)
+
+    monkeypatch.setattr(tasks, "load_vector", load_vector)
+    monkeypatch.setattr(experiment, "_max_steps", lambda task: MAX_STEPS)
+    monkeypatch.setattr(experiment, "execute", _execute)
+    monkeypatch.setattr(recording, "write_figure", lambda path: None)
+    monkeypatch.setattr(presentation, "present", lambda *_: None)
+    monkeypatch.setattr(presentation, "summarise", lambda *_: None)
+    monkeypatch.setattr(manifest, "commit", lambda: None)
+    monkeypatch.setattr(checkpoints, "MOST_SECONDS_BETWEEN", 0.0)
+    monkeypatch.setattr(checkpoints, "MOST_SHARE", math.inf)
+
+
+def _execute(jobs, work, *, on_message, **_) -> None:
+    for job in jobs:
+        on_message(job, Started())
+        work(job, functools.partial(on_message, job))
+        on_message(job, Finished(0.0))
+
+
+def live(
+    out: Path,
+    *words: str,
+    kill_after: float | None = None,
+    first: Callable[[], object] = lambda: None,
+) -> tuple[int, str]:
+    """Launches; returns the exit status (minus the signal that ended it) and what was printed.
+
+    Args:
+      kill_after: seconds after which SIGKILL comes.
+      first: called in the launch's process before anything else.
+    """
+    reader, writer = os.pipe()
+    process = os.fork()
+    if not process:
+        os.close(reader)
+        _launch_and_exit(writer, ["launch/run.py", *_WORDS, f"--out={out}", *words], first)
+    os.close(writer)
+    printed = _killed_after(process, reader, kill_after)
+    _, status = os.waitpid(process, 0)
+    return os.waitstatus_to_exitcode(status), printed
+
+
+def _launch_and_exit(output: int, argv: list[str], first: Callable[[], object]) -> None:
+    os.dup2(output, 1)
+    os.dup2(output, 2)
+    status = 99
+    try:
+        with open(1, "w", buffering=1, closefd=False) as sys.stdout, contextlib.redirect_stderr(sys.stdout):
+            first()
+            try:
+                status = experiment.run(command_line.parse(argv), argv)
+            except (errors.CommandError, OSError) as error:  # as launch/run.py answers them
+                print(f"error: {error}")
+                status = 2 if isinstance(error, errors.CommandError) else 1
+    finally:
+        os._exit(status)
+
+
+def _killed_after(process: int, reader: int, seconds: float | None) -> str:
+    """Waits for the process to end, and kills it when its time has come; returns its output."""
+    end = math.inf if seconds is None else time.monotonic() + seconds
+    chunks = [b""]
+    with open(reader, "rb", buffering=0) as pipe:
+        while True:
+            left = end - time.monotonic()
+            ready, _, _ = select.select([pipe], [], [], None if left == math.inf else max(left, 0))
+            if not ready:
+                os.kill(process, signal.SIGKILL)
+                end = math.inf
+                continue
+            chunks.append(pipe.read(65536))
+            if not chunks[-1]:
+                return b"".join(chunks).decode()
+
+
+def outcome(out: Path, task: str = TASK) -> dict:
+    """All that a finished experiment leaves that must not depend on how it was interrupted."""
+    folder = RunFolder(out, task)
+    header, *lines = folder.results.read_text().splitlines()
+    clock = header.split(",").index("wall_seconds")
+    rows = sorted(
+        tuple(cell for column, cell in enumerate(line.split(",")) if column != clock)
+        for line in lines
+    )
+    policies = {file.name: file.read_bytes() for file in folder.policies.iterdir()}
+    return {"rows": rows, "policies": policies, "checkpoints": folder.checkpoints.exists()}
+
+
+def standings(out: Path) -> dict[str, int]:
+    """The episode of the newest whole checkpoint of each unfinished run, by its folder's name."""
+    found = {}
+    for folder in RunFolder(out, TASK).checkpoints.glob("*"):
+        newest, complaints = checkpoints.checkpoint.newest(folder)
+        assert not complaints, complaints
+        found[folder.name] = newest.train_episodes if newest else 0
+    return found
