@@ -39,8 +39,15 @@ def run(request: Request, command: Sequence[str], *, work=training.train_job) ->
     with contextlib.ExitStack() as held, StopSignal() as stop:
         found = _lock(list(folders.values()), request, held, console)
         workers = request.workers or manifest.cores()
+        asked = {
+            "subgoal_layers": list(request.subgoal_layers),
+            "seeds": list(request.seeds),
+            "periods": request.periods,
+        }
         manifests = {
-            task: manifest.add_launch(_manifest(folder, request), command, workers, request.device)
+            task: manifest.add_launch(
+                _manifest(folder, request), command, workers, request.device, asked
+            )
             for task, folder in folders.items()
         }
         recorder = Recorder(folders, manifests, console)

@@ -35,10 +35,21 @@ def new(task: str, max_steps: int, config: Mapping[str, Any]) -> Manifest:
     }
 
 
-def add_launch(manifest: Manifest, command: Sequence[str], workers: int, device: str) -> Manifest:
-    """The manifest with a launch that begins now: its command, versions and machine."""
+def add_launch(
+    manifest: Manifest,
+    command: Sequence[str],
+    workers: int,
+    device: str,
+    asked: Mapping[str, Any] | None = None,
+) -> Manifest:
+    """The manifest with a launch that begins now: its command, versions and machine.
+
+    `asked` is what is to be in the folder in the end: subgoal_layers, seeds and periods.
+    """
     launch = {
         "command": ["python", *command],
+        "asked": asked,
+        "failures": [],  # of trainings: subgoal_layers, seeds, reason
         "started": now(),
         "finished": None,  # stays None where a signal, a kill or a full disk ended the launch
         "workers": workers,

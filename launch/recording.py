@@ -1,5 +1,6 @@
 """Writes what the workers report into the run folders; nothing else writes results.csv."""
 
+import contextlib
 import time
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -67,8 +68,7 @@ class Recorder:
             self._finished(job, message)
         elif isinstance(message, Failed):
             board.ended(job, "failed")
-            self.failures[job] = message.reason
-            self.folders[job.agent.task].keep_failure(job)
+            self._failed(job, message)
         else:
             raise TypeError(f"job {job.name} sent {message!r}")
 
@@ -107,6 +107,19 @@ class Recorder:
         self.folders[task].drop_checkpoints((subgoal_layers, seed) for seed in job.seeds)
         self.manifests[task]["jobs"].append(record)
         manifest.write(self.folders[task].manifest, self.manifests[task])
+
+    def _failed(self, job: Job, message: Failed) -> None:
+        task, subgoal_layers = job.agent
+        self.failures[job] = message.reason
+        self.folders[task].keep_failure(job)
+        record = {
+            "subgoal_layers": subgoal_layers,
+            "seeds": list(job.seeds),
+            "reason": message.reason,
+        }
+        self.manifests[task]["failures"].append(record)
+        with contextlib.suppress(OSError):  # a full disk failed it, and fails this: others go on
+            manifest.write(self.folders[task].manifest, self.manifests[task])
 
     def _draw(self, task: str) -> None:
         """Refreshes the figure; a figure that cannot be drawn is no reason to stop training."""

@@ -1,0 +1,126 @@
+"""Says how an experiment stands: `python launch/status.py runs/pick_place`."""
+
+import shlex
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from rich.console import Console
+from rich.table import Table
+
+if __name__ == "__main__":
+    sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
+
+from launch import run_states
+from launch.errors import CommandError
+from launch.progress import duration
+from launch.run_folder import RunFolder
+from launch.run_states import FolderState, RunState
+
+_HELP = """Says from a run folder's files how its experiment stands, whether it runs or died.
+
+  python launch/status.py runs/pick_place
+
+Runs are done; running; waiting (not begun); stopped (begun, and no process is at work); or failed.
+Exit status: 0; 2 that is no run folder."""
+_WIDTH = 120  # where the output is no terminal
+
+
+def main(argv: Sequence[str]) -> int:
+    """Carries out a command; returns the exit status that --help states."""
+    words = list(argv[1:])
+    if {"--help", "-help", "-h"} & set(words):
+        print(_HELP)
+        return 0
+    try:
+        if len(words) != 1 or words[0].startswith("-"):
+            raise CommandError("it takes one run folder, as in launch/status.py runs/pick_place")
+        path = Path(words[0])
+        state = run_states.read(path)
+    except (CommandError, OSError, ValueError) as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 2
+    console = Console()
+    if not console.is_terminal:
+        console = Console(width=_WIDTH)
+    show(path, state, console)
+    return 0
+
+
+def show(path: Path, state: FolderState, console: Console) -> None:
+    """Prints the state of the run folder at `path`."""
+    console.print(f"{path}: {_headline(state)}", highlight=False, soft_wrap=True, markup=False)
+    if state.runs:
+        console.print(_table(state))
+    for line in (*_failures(path, state), *_going_on(state)):
+        console.print(line, highlight=False, soft_wrap=True, markup=False)
+
+
+def _headline(state: FolderState) -> str:
+    done = f"{_count(state.runs, 'done')} of {len(state.runs)} runs done"
+    if state.holder is not None:
+        who, since = state.holder.get("pid", "unknown"), state.holder.get("since", "unknown")
+        return f"running (process {who}, since {since}), {done}{_left(state, '')}"
+    if _count(state.runs, "waiting") or _count(state.runs, "stopped"):
+        return f"interrupted, no process is at work on it; {done}{_left(state, ' once it goes on')}"
+    finished = state.manifest.get("finished")
+    return f"ended{f' at {finished}' if finished else ''}, {done}"
+
+
+def _left(state: FolderState, when: str) -> str:
+    if state.seconds_left is None:
+        return "; the time left shows after the first periods"
+    return f"; about {duration(state.seconds_left)} left{when}"
+
+
+def _count(runs: Sequence[RunState], state: str) -> int:
+    return sum(run.state == state for run in runs)
+
+
+def _table(state: FolderState) -> Table:
+    table = Table(box=None, pad_edge=False, header_style="bold")
+    for heading in ("agent", "seeds", *run_states.STATES, "test period", "success", "checkpoint"):
+        table.add_column(heading, justify="left" if heading == "agent" else "right", no_wrap=True)
+    for agent, runs in run_states.by_agent(state).items():
+        counts = [_count(runs, name) for name in run_states.STATES]
+        cells = [str(count) if count else "-" for count in counts]
+        table.add_row(str(agent), str(len(runs)), *cells, *_progress(runs))
+    return table
+
+
+def _progress(runs: Sequence[RunState]) -> tuple[str, str, str]:
+    """The slowest seed's test period, mean success of those that tested, oldest checkpoint."""
+    tested = [run.success_rate for run in runs if run.success_rate is not None]
+    periods = [run.period for run in runs if run.period is not None]
+    reached = str(min(periods)) if len(periods) == len(runs) else "-"
+    episodes = [run.episode for run in runs if run.episode]
+    return (
+        f"{reached}/{max(run.periods for run in runs)}",
+        f"{sum(tested) / len(tested):.0%}" if tested else "-",
+        f"episode {min(episodes)}" if episodes else "-",
+    )
+
+
+def _failures(path: Path, state: FolderState) -> list[str]:
+    """Why what failed did, and where its worker's last words are."""
+    failed = {(run.subgoal_layers, run.seed) for run in state.runs if run.state == "failed"}
+    lines = []
+    for job, reason in state.failures:
+        own = {(job.agent.subgoal_layers, seed) for seed in job.seeds}
+        if own & failed:  # else it has come good since
+            named = ", ".join(map(str, job.seeds))
+            file = RunFolder(path.parent, state.task).failure(job)
+            lines.append(f"failed: {job.agent}, seeds {named}: {reason}\n  see {file}")
+    return lines
+
+
+def _going_on(state: FolderState) -> list[str]:
+    due = [run for run in state.runs if run.state != "done"]
+    command = state.manifest.get("command")
+    if state.holder is not None or not due or not isinstance(command, list):
+        return []
+    return [f"to go on: {shlex.join(map(str, command))}"]
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv))
