@@ -96,19 +96,19 @@ def test_a_running_experiment_and_the_same_one_killed(tmp_path, capsys):
         queued = folder.checkpoint(0, 1)  # begun in an earlier launch, as it were
         queued.mkdir(parents=True)
         (queued / "000000300.json").write_text("{}")
-        before = sorted(folder.path.rglob("*"))
         state = run_states.read(folder.path)
         assert state.holder is not None and state.holder["pid"] == process.pid
         assert [run.state for run in state.runs] == ["waiting", "waiting", "running", "running"]
         headline = said(folder.path, capsys)[0]
         assert f"running (process {process.pid}, since 20" in headline
         assert "0 of 4 runs done; the time left shows after the first periods" in headline
-        assert sorted(folder.path.rglob("*")) == before
     finally:
         os.kill(process.pid, signal.SIGKILL)
         process.wait()
     assert [state for _, _, state in states(tmp_path)] == ["waiting", *["stopped"] * 3]
+    before = sorted(folder.path.rglob("*"))
     printed = said(folder.path, capsys)
+    assert sorted(folder.path.rglob("*")) == before
     assert "interrupted, no process is at work on it; 0 of 4 runs done" in printed[0]
     assert printed[-1].startswith("to go on: python ") and "--seeds=2" in printed[-1]
 
