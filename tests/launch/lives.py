@@ -86,7 +86,10 @@ def _launch_and_exit(output: int, argv: list[str], first: Callable[[], object]) 
     os.dup2(output, 2)
     status = 99
     try:
-        with open(1, "w", buffering=1, closefd=False) as sys.stdout, contextlib.redirect_stderr(sys.stdout):
+        with (
+            open(1, "w", buffering=1, closefd=False) as sys.stdout,
+            contextlib.redirect_stderr(sys.stdout),
+        ):
             first()
             try:
                 status = experiment.run(command_line.parse(argv), argv)

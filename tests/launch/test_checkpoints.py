@@ -187,6 +187,25 @@ def test_a_run_that_fails_is_tried_again_from_its_checkpoint(tmp_path, whole):
     assert outcome(out) == whole
 
 
+def test_a_signal_saves_at_the_next_boundary_though_nothing_is_due(tmp_path, whole):
+    def signalled() -> None:
+        checkpoints.MOST_SECONDS_BETWEEN = 1000.0
+        at_boundary = checkpoints.Saver.at_boundary
+
+        def handed(self, boundary):
+            if boundary.train_episodes == 28:  # the test period at 24 is saved anyway
+                os.kill(os.getpid(), signal.SIGTERM)
+            at_boundary(self, boundary)
+
+        checkpoints.Saver.at_boundary = handed  # type: ignore[method-assign]
+
+    out = tmp_path / "here"
+    live(out, *WORDS, first=signalled)
+    assert standings(out) == dict.fromkeys(NAMES, 28)
+    assert live(out, *WORDS)[0] == 0
+    assert outcome(out) == whole
+
+
 RUN_OF = checkpoints.Run(Agent(TASK, 0), (300,), hac_suite.PRESETS["paper"])
 
 

@@ -11,8 +11,10 @@ from typing import NamedTuple
 
 import pytest
 
-from launch import results
+from launch import execution, results
+from launch.planning import Agent, Job
 from launch.run_folder import RunFolder
+from tests.launch import fake_jobs
 from tests.launch.lives import TASK, live, outcome, standings, tiny
 
 __all__ = ["tiny"]
@@ -120,6 +122,26 @@ def wait_until_gone(group: int, seconds: float = 10) -> None:
             return
         time.sleep(0.05)
     raise TimeoutError("workers outlive their launch")
+
+
+def test_a_worker_dies_with_its_launch_whatever_it_is_at(tmp_path):
+    reader, writer = os.pipe()
+    launched = os.fork()
+    if not launched:
+        os.setsid()
+        execution.execute(
+            [Job(Agent("hangs", 0), (0,))],
+            fake_jobs.fail_by_name,
+            workers=1,
+            log=lambda job: tmp_path / "log",
+            on_message=lambda job, message: message == "started" and os.write(writer, b"1"),
+            on_poll=lambda: None,
+            stop=execution.StopSignal(),
+        )
+    assert os.read(reader, 1) == b"1"
+    os.kill(launched, signal.SIGKILL)
+    os.waitpid(launched, 0)
+    wait_until_gone(launched)
 
 
 def test_a_killed_launch_goes_on_in_real_processes(tmp_path):
