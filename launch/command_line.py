@@ -1,5 +1,6 @@
 """The training command line: typed words in; a checked Request or one clear CommandError out."""
 
+import importlib.util
 import re
 import warnings
 from collections.abc import Sequence
@@ -44,6 +45,7 @@ class Request(NamedTuple):
     out: Path
     workers: int  # 0: one for each core
     video: bool
+    tensorboard: bool
     device: str
     config: hac_suite.Config
 
@@ -119,6 +121,7 @@ def _flags() -> flags.FlagValues:
         values,
     )
     flags.DEFINE_boolean("video", True, "render a video of each agent", values)
+    flags.DEFINE_boolean("tensorboard", False, "write curves for TensorBoard as well", values)
     return values
 
 
@@ -128,6 +131,8 @@ def _request(values: flags.FlagValues, settings_given: ConfigDict) -> Request:
             f"flag --executor={values.executor}: the Ray executor is not built yet; "
             "--executor=local trains on this machine"
         )
+    if values.tensorboard:
+        _require("tensorboard", flag="tensorboard", extra="tensorboard")
     return Request(
         tasks=task_names(values.task),
         subgoal_layers=_subgoal_layers(values.subgoal_layers),
@@ -136,9 +141,19 @@ def _request(values: flags.FlagValues, settings_given: ConfigDict) -> Request:
         out=Path(values.out),
         workers=values.workers,
         video=values.video,
+        tensorboard=values.tensorboard,
         device=_device(values.device),
         config=settings.to_config(settings_given),
     )
+
+
+def _require(package: str, *, flag: str, extra: str) -> None:
+    """Raises CommandError where an optional package is not installed."""
+    if importlib.util.find_spec(package) is None:
+        raise errors.CommandError(
+            f"flag --{flag}: {package} is not installed; in the repository's folder, "
+            f"`python -m pip install -c constraints.txt -e '.[{extra}]'` adds it"
+        )
 
 
 def _device(word: str) -> str:

@@ -50,7 +50,7 @@ def run(request: Request, command: Sequence[str], *, work=training.train_job) ->
             )
             for task, folder in folders.items()
         }
-        recorder = Recorder(folders, manifests, console)
+        recorder = Recorder(folders, manifests, console, request.tensorboard)
         _train(request, recorder, found, workers, work, console, stop)
         if stop.number is None:
             presentation.present(folders.values(), request, console, stop)

@@ -2,8 +2,8 @@
 
 import contextlib
 import time
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
 
@@ -15,6 +15,9 @@ from launch.planning import Job
 from launch.progress import Board
 from launch.run_folder import RunFolder
 from launch.training import Tested, Warned
+
+if TYPE_CHECKING:
+    from launch import scalars
 
 _SECONDS_BETWEEN_FIGURES = 20.0
 
@@ -31,11 +34,14 @@ class Recorder:
         folders: Mapping[str, RunFolder],
         manifests: Mapping[str, manifest.Manifest],
         console: Console,
+        tensorboard: bool = False,
     ) -> None:
         self.folders = dict(folders)
         self.manifests = dict(manifests)
         self.failures: dict[Job, str] = {}
         self._console = console
+        self._tensorboard = tensorboard
+        self._scalars: dict[str, scalars.Scalars] = {}
         self._drawn = dict.fromkeys(folders, -_SECONDS_BETWEEN_FIGURES)  # long ago
         self._outdated: set[str] = set()  # tasks whose figure lacks rows
         self._periods: dict[Job, int] = {}  # the last that each job tested
@@ -52,6 +58,25 @@ class Recorder:
                 soft_wrap=True,
             )
         manifest.write(folder.manifest, self.manifests[task])
+        if self._tensorboard:
+            self._begin_scalars(task)
+
+    def _begin_scalars(self, task: str) -> None:
+        from launch import scalars  # needs an optional package
+
+        with self._warning_of_scalars(task):
+            self._scalars[task] = scalars.Scalars(self.folders[task])
+
+    @contextlib.contextmanager
+    def _warning_of_scalars(self, task: str) -> Iterator[None]:
+        """Curves that cannot be written are no reason to stop training."""
+        try:
+            yield
+        except Exception as error:
+            self._scalars.pop(task, None)
+            self._console.print(
+                f"warning: {task}: no more curves for TensorBoard: {error}", soft_wrap=True
+            )
 
     def receive(self, board: Board, job: Job, message: Any) -> None:
         """Records one message of a job."""
@@ -82,6 +107,8 @@ class Recorder:
         """Draws the final figures; notes when the launch finished, if it was not stopped."""
         for task, folder in self.folders.items():
             self._draw(task)
+            if task in self._scalars:
+                self._scalars[task].close()
             if not stopped:
                 self.manifests[task]["finished"] = manifest.now()
             manifest.write(folder.manifest, self.manifests[task])
@@ -89,6 +116,9 @@ class Recorder:
     def _tested(self, board: Board, job: Job, message: Tested) -> None:
         folder = self.folders[job.agent.task]
         results.append(folder.results, message.rows)
+        if folder.task in self._scalars:
+            with self._warning_of_scalars(folder.task):
+                self._scalars[folder.task].add(message.rows)
         success = sum(row["success_rate"] for row in message.rows) / len(message.rows)
         board.progressed(job, message.rows[0]["train_episodes"], success)
         self._outdated.add(folder.task)

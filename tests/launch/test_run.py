@@ -34,6 +34,8 @@ def test_a_small_experiment_from_another_folder(experiment):
     done = run(experiment, *SMALL, "--novideo")
     assert done.returncode == 0, done.stderr
     assert "ur5_reacher, 1 subgoal layer: 2 seed(s), episodes 0/4" in done.stdout
+    for printed in (done.stdout, done.stderr):  # no terminal: plain lines, no control characters
+        assert all(character.isprintable() or character == "\n" for character in printed)
     folder = experiment / "runs" / "ur5_reacher"
     assert str(Path("runs") / "ur5_reacher" / "report.html") in done.stdout
     results = load(folder)
