@@ -128,16 +128,19 @@ def test_a_worker_dies_with_its_launch_whatever_it_is_at(tmp_path):
     reader, writer = os.pipe()
     launched = os.fork()
     if not launched:
-        os.setsid()
-        execution.execute(
-            [Job(Agent("hangs", 0), (0,))],
-            fake_jobs.fail_by_name,
-            workers=1,
-            log=lambda job: tmp_path / "log",
-            on_message=lambda job, message: message == "started" and os.write(writer, b"1"),
-            on_poll=lambda: None,
-            stop=execution.StopSignal(),
-        )
+        try:
+            os.setsid()
+            execution.execute(
+                [Job(Agent("hangs", 0), (0,))],
+                fake_jobs.fail_by_name,
+                workers=1,
+                log=lambda job: tmp_path / "log",
+                on_message=lambda job, message: message == "started" and os.write(writer, b"1"),
+                on_poll=lambda: None,
+                stop=execution.StopSignal(),
+            )
+        finally:
+            os._exit(1)  # not the tests again
     assert os.read(reader, 1) == b"1"
     os.kill(launched, signal.SIGKILL)
     os.waitpid(launched, 0)
