@@ -139,11 +139,12 @@ def _checksum(description: Mapping[str, Any]) -> str:
 def _described(file: Path) -> dict[str, Any]:
     try:
         description = json.loads(file.read_bytes())
+        checksum = _checksum(description) if isinstance(description, dict) else None
     except (OSError, ValueError, RecursionError) as error:
         raise ValueError(f"{file} cannot be read: {error}") from error
-    if not isinstance(description, dict) or description.get("format") != _FORMAT:
+    if checksum is None or description.get("format") != _FORMAT:
         raise ValueError(f"{file} does not describe a checkpoint: its format is not {_FORMAT!r}")
-    if description.get("checksum") != _checksum(description):
+    if description.get("checksum") != checksum:
         raise ValueError(f"{file} is damaged: it does not match its checksum")
     numbers, about = description.get("numbers"), description.get("about")
     if not isinstance(numbers, dict) or not isinstance(about, dict):

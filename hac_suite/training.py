@@ -1,7 +1,7 @@
 """The training loop: rounds of episodes and updates, and a test period every so often."""
 
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -53,7 +53,7 @@ def train(
     periods: int,
     on_progress: Callable[[Progress], None] | None = None,
     device: torch.device | str = "cpu",
-    start: Sequence[SeedState] = (),
+    start: Iterable[SeedState] | None = None,
     on_boundary: Callable[[Boundary], None] | None = None,
 ) -> Iterator[PeriodResult]:
     """Trains one agent per seed; yields each test period, the untrained one (period 0) first.
@@ -66,7 +66,8 @@ def train(
         horizons: (T_0, ..., T_n), n = subgoal_layers.
         device: where the agents learn; "cuda" takes a round of updates as one CUDA graph.
         start: the seeds' states at an earlier boundary, all of the same episode: the training
-            goes on from there, with the test period that comes next.
+            goes on from there, with the test period that comes next. Taken one by one, since
+            they are large.
         on_boundary: called after each round and test period but the last.
 
     Raises:
@@ -78,7 +79,7 @@ def train(
     if len(horizons) != subgoal_layers + 1:
         raise ValueError(f"{subgoal_layers} subgoal layers need {subgoal_layers + 1} horizons.")
     training = _Training(make_env, config, tuple(seeds), horizons, device)
-    if start:
+    if start is not None:
         training.restore(start)
     return training.run(periods, on_progress, on_boundary)
 
@@ -131,26 +132,27 @@ class _Training:
             }
             yield SeedState(learnt.tensors, {**learnt.numbers, **own})
 
-    def restore(self, states: Sequence[SeedState]) -> None:
+    def restore(self, states: Iterable[SeedState]) -> None:
         """Becomes what gave these states, one for each seed.
 
         Raises:
             ValueError: they are of other seeds, or of another config, or not of one episode.
         """
         with restoring():
-            episodes = sorted({state.numbers["train_episodes"] for state in states})
-            if len(episodes) > 1:
-                raise ValueError(f"The seeds' states are of different episodes {episodes}.")
-            (self._episodes,) = episodes
-            if tuple(state.numbers["seed"] for state in states) != self._seeds:
-                raise ValueError(f"These are not states of the seeds {list(self._seeds)}.")
-            for index, state in enumerate(states):
+            episodes = set()
+            for index, (seed, state) in enumerate(zip(self._seeds, states, strict=True)):
                 numbers = state.numbers
+                if numbers["seed"] != seed:
+                    raise ValueError(f"A state is of seed {numbers['seed']}, not of seed {seed}.")
                 self._population.restore(index, state)
                 self._tally.restore(index, numbers["tally"])
                 self._steps[index] = numbers["train_steps"]
                 self._earlier[index] = numbers["seconds"]
                 self._rows[index] = list(numbers["rows"])
+                episodes.add(numbers["train_episodes"])
+            if len(episodes) > 1:
+                raise ValueError(f"The seeds' states are of different episodes {sorted(episodes)}.")
+            (self._episodes,) = episodes
 
     def run(
         self,

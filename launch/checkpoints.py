@@ -1,13 +1,13 @@
 """Where interrupted runs stand, and how a worker keeps its own run's standing on the disk."""
 
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import hac_suite
 from hac_suite import checkpoint
-from launch import manifest, settings
+from launch import manifest, results, settings
 from launch.errors import CommandError
 from launch.planning import Agent
 from launch.run_folder import RunFolder
@@ -20,6 +20,9 @@ _OTHER_RUN = "{file} is a checkpoint of another run ({differences}); move it awa
 _LONGER_RUN = (
     "{agent}, seed {seed}: interrupted after test period {period} of a longer run; "
     "give --periods={least} or more, or remove {file}"
+)
+_NO_ROWS = (
+    "{file} is no checkpoint of this version: its rows are not those of results.csv; remove it"
 )
 _RESULTS_DEPEND_ON = ("dm-control", "mujoco", "numpy", "torch")
 
@@ -71,7 +74,7 @@ def standings(
         if complaints:
             say(f"{run.agent}, seed {seed}: goes on from episode {newest.train_episodes}")
         other_versions |= _check(file, newest, run.about(seed))
-        rows = newest.numbers["rows"]
+        rows = _rows(file, newest, run.agent, seed)
         if len(rows) > periods:
             raise CommandError(
                 _LONGER_RUN.format(
@@ -82,7 +85,6 @@ def standings(
                     file=file,
                 )
             )
-        rows = [{"task": folder.task, **row} for row in rows]
         found[seed] = Standing(newest.train_episodes, rows)
     if other_versions:
         say(
@@ -109,6 +111,26 @@ def _check(file: Path, found: checkpoint.Checkpoint, own: Mapping[str, Any]) -> 
     }
 
 
+def _rows(
+    file: Path, found: checkpoint.Checkpoint, agent: Agent, seed: int
+) -> list[dict[str, Any]]:
+    """The checkpoint's rows of results.csv; a stranger's file cannot put anything else there."""
+    rows = found.numbers.get("rows")
+    try:
+        if not isinstance(rows, list) or not rows:
+            raise ValueError("no rows")
+        rows = [{"task": agent.task, **row} for row in rows]
+        for period, row in enumerate(rows):
+            results.check_columns(row)
+            own = (row["task"], row["subgoal_layers"], row["seed"], row["period"])
+            numbers = all(isinstance(row[name], int | float) for name in row if name != "task")
+            if own != (*agent, seed, period) or not numbers:
+                raise ValueError("other rows")
+    except (KeyError, TypeError, ValueError) as error:
+        raise CommandError(_NO_ROWS.format(file=file)) from error
+    return rows
+
+
 class Saver:
     """Saves the seeds that a worker trains: at test periods, and every few minutes in between."""
 
@@ -130,11 +152,11 @@ class Saver:
         self._stopping = False
         self._warned = False
 
-    def states(self) -> list[hac_suite.SeedState]:
-        """The states to go on from; none for a new run."""
+    def states(self) -> Iterator[hac_suite.SeedState] | None:
+        """The states to go on from, read one by one; None for a new run."""
         if not self._start:
-            return []
-        return [checkpoint.load(folder, self._start) for folder in self._folders]
+            return None
+        return (checkpoint.load(folder, self._start) for folder in self._folders)
 
     def stop(self, *_) -> None:
         """Ends the process at the next boundary, with a checkpoint. A signal handler."""

@@ -62,15 +62,19 @@ def append(path: Path, rows: Sequence[Mapping[str, Any]]) -> None:
       ValueError: a row has a column that the file lacks, or lacks one of its own levels'.
     """
     for row in rows:
-        _check_columns(row)
+        check_columns(row)
     with path.open("a", encoding="utf-8") as file:
         file.write(_lines(rows))
         file.flush()
         os.fsync(file.fileno())
 
 
-def _check_columns(row: Mapping[str, Any]) -> None:
-    """What the engine measures and what the file holds are two lists: none may drop the other's."""
+def check_columns(row: Mapping[str, Any]) -> None:
+    """What the engine measures and what the file holds are two lists: none may drop the other's.
+
+    Raises:
+      ValueError: a row has a column that the file lacks, or lacks one of its own levels'.
+    """
     levels = range(row["subgoal_layers"] + 1)
     own = {level_column(level, field) for level in levels for field in LEVEL_FIELDS}
     differ = sorted(own.union(CORE_COLUMNS) ^ row.keys())

@@ -9,6 +9,8 @@ from pathlib import Path
 
 import pytest
 import torch
+from hypothesis import given
+from hypothesis import strategies as st
 
 from hac_suite import checkpoint
 from hac_suite.state import SeedState
@@ -181,3 +183,33 @@ def test_a_disk_that_fills_in_mid_save_leaves_those_before(tmp_path, monkeypatch
     for folder in folders:
         assert len(list(folder.iterdir())) == 4
         assert checkpoint.newest(folder)[0].train_episodes == 12
+
+
+JSON = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=9),
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=9), inner),
+)
+NAMES = st.sampled_from(["format", "about", "numbers", "tensors", "train_episodes", "checksum"])
+
+
+@given(st.binary() | JSON.map(lambda value: json.dumps(value).encode()))
+def test_no_content_ends_in_anything_but_a_complaint(tmp_path_factory, content):
+    folder = tmp_path_factory.mktemp("folder")
+    (folder / "000000012.json").write_bytes(content)
+    found, complaints = checkpoint.newest(folder)
+    assert found is None and len(complaints) == 1
+
+
+@given(st.dictionaries(NAMES, JSON))
+def test_nor_does_one_with_the_right_checksum(tmp_path_factory, entries):
+    folder = tmp_path_factory.mktemp("folder")
+    content = checkpoint._as_text({**entries, "format": checkpoint._FORMAT})
+    (folder / "000000012.json").write_text(content)
+    found, complaints = checkpoint.newest(folder)
+    assert found is None and len(complaints) == 1
+
+
+@pytest.mark.parametrize("content", ["[" * 100_000, '{"a":' * 100_000, "1" * 100_000])
+def test_a_file_made_to_exhaust_the_parser_is_named(folder, content):
+    (folder / "000000012.json").write_text(content)
+    assert_falls_back(folder, "000000012.json")

@@ -159,8 +159,9 @@ def test_restoring_leaves_all_memory_in_place(tmp_path):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (dict(seeds=[3, 1]), "not states of the seeds"),
-        (dict(seeds=[1, 3, 4]), "not states of the seeds"),
+        (dict(seeds=[3, 1]), "longer"),
+        (dict(seeds=[3, 1, 4, 5]), "shorter"),
+        (dict(seeds=[1, 3, 4]), "state is of seed 3, not of seed 1"),
         (dict(config=dataclasses.replace(TINY, hidden_sizes=(8, 4))), "level0.actor is"),
         (dict(config=dataclasses.replace(TINY, replay_capacity=500)), "replay is"),
         (dict(layers=2), "not a state of this training"),

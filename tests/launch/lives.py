@@ -35,6 +35,10 @@ _WORDS = (
 
 @pytest.fixture
 def tiny(monkeypatch) -> None:
+    tiny_task(monkeypatch)
+
+
+def tiny_task(monkeypatch: pytest.MonkeyPatch) -> None:
     """Puts the tiny task in place of the real ones."""
 
     def load_vector(name: str, num_envs: int) -> PointEnv:

@@ -15,7 +15,7 @@ from hac_suite import checkpoint
 from launch import checkpoints, manifest, results, settings
 from launch.planning import Agent
 from launch.run_folder import RunFolder
-from tests.launch.lives import TASK, live, outcome, standings, tiny
+from tests.launch.lives import TASK, live, outcome, standings, tiny, tiny_task
 
 __all__ = ["tiny"]
 
@@ -53,6 +53,16 @@ def whole(tmp_path, tiny) -> dict:
     status, printed = live(tmp_path / "whole", *WORDS)
     assert status == 0, printed
     return outcome(tmp_path / "whole")
+
+
+@pytest.fixture(scope="module")
+def interrupted_once(tmp_path_factory) -> Path:
+    """A folder to copy."""
+    with pytest.MonkeyPatch.context() as patch:
+        tiny_task(patch)
+        out = tmp_path_factory.mktemp("interrupted")
+        interrupted(out)
+        return out
 
 
 def spoil(file: Path) -> None:
@@ -120,6 +130,28 @@ def test_a_checkpoint_of_another_run_is_refused(tmp_path, tiny):
     assert "is a checkpoint of another run (seed is 0 there and 1 here); move it away" in printed
     after = {file: file.read_bytes() for file in folder.path.rglob("*.*") if file.is_file()}
     assert {**after, folder.path / ".lock": b""} == {**before, folder.path / ".lock": b""}
+
+
+@pytest.mark.parametrize(
+    "spoilt",
+    [
+        None, [], [1], [{}], [{"seed": 0}], {"success_rate": "often"}, {"seed": 1}, {"period": 7},
+        {"novel": 1.0}, {"subgoal_layers": "1"},
+    ],
+)  # fmt: skip
+def test_rows_of_a_crafted_checkpoint_never_reach_results(tmp_path, tiny, interrupted_once, spoilt):
+    shutil.copytree(interrupted_once, tmp_path / "here")
+    folder = RunFolder(tmp_path / "here", TASK)
+    file = folder.checkpoint(1, 0) / "000000020.json"
+    description = json.loads(file.read_text())
+    rows = description["numbers"]["rows"]
+    crafted = [{**row, **spoilt} for row in rows] if isinstance(spoilt, dict) else spoilt
+    description["numbers"]["rows"] = crafted
+    file.write_text(checkpoint._as_text(description))
+    before = folder.results.read_bytes()
+    status, printed = live(tmp_path / "here", *WORDS)
+    assert status == 2 and "its rows are not those of results.csv; remove it" in printed
+    assert folder.results.read_bytes() == before
 
 
 def test_a_shorter_run_does_not_throw_a_longer_ones_work_away(tmp_path, tiny):
