@@ -13,7 +13,7 @@ import select
 import signal
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import pytest
@@ -46,13 +46,18 @@ def tiny_task(monkeypatch: pytest.MonkeyPatch) -> None:
 
     monkeypatch.setattr(tasks, "load_vector", load_vector)
     monkeypatch.setattr(experiment, "_max_steps", lambda task: MAX_STEPS)
+    in_one_process(monkeypatch)
+    monkeypatch.setattr(checkpoints, "MOST_SECONDS_BETWEEN", 0.0)
+    monkeypatch.setattr(checkpoints, "MOST_SHARE", math.inf)
+
+
+def in_one_process(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Leaves worker processes and pictures out of launches."""
     monkeypatch.setattr(experiment, "execute", _execute)
     monkeypatch.setattr(recording, "write_figure", lambda path: None)
     monkeypatch.setattr(presentation, "present", lambda *_: None)
     monkeypatch.setattr(presentation, "summarise", lambda *_: None)
     monkeypatch.setattr(manifest, "commit", lambda: None)
-    monkeypatch.setattr(checkpoints, "MOST_SECONDS_BETWEEN", 0.0)
-    monkeypatch.setattr(checkpoints, "MOST_SHARE", math.inf)
 
 
 def _execute(jobs, work, *, on_message, **_) -> None:
@@ -65,12 +70,14 @@ def _execute(jobs, work, *, on_message, **_) -> None:
 def live(
     out: Path,
     *words: str,
+    usual: Sequence[str] = _WORDS,
     kill_after: float | None = None,
     first: Callable[[], object] = lambda: None,
 ) -> tuple[int, str]:
     """Launches; returns the exit status (minus the signal that ended it) and what was printed.
 
     Args:
+      usual: words before the others.
       kill_after: seconds after which SIGKILL comes.
       first: called in the launch's process before anything else.
     """
@@ -78,7 +85,7 @@ def live(
     process = os.fork()
     if not process:
         os.close(reader)
-        _launch_and_exit(writer, ["launch/run.py", *_WORDS, f"--out={out}", *words], first)
+        _launch_and_exit(writer, ["launch/run.py", *usual, f"--out={out}", *words], first)
     os.close(writer)
     printed = _killed_after(process, reader, kill_after)
     _, status = os.waitpid(process, 0)

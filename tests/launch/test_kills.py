@@ -15,7 +15,7 @@ from launch import execution, results
 from launch.planning import Agent, Job
 from launch.run_folder import RunFolder
 from tests.launch import fake_jobs
-from tests.launch.lives import TASK, live, outcome, standings, tiny
+from tests.launch.lives import TASK, in_one_process, live, outcome, standings, tiny
 
 __all__ = ["tiny"]
 
@@ -147,39 +147,41 @@ def test_a_worker_dies_with_its_launch_whatever_it_is_at(tmp_path):
     wait_until_gone(launched)
 
 
-def test_a_killed_launch_goes_on_in_real_processes(tmp_path):
-    folders = [tmp_path / name for name in ("whole", "killed")]
-    for folder in folders:
-        folder.mkdir()
-    whole, killed = map(start, folders)
-    episode = wait_for_checkpoint(folders[1])
+def uninterrupted(out: Path, monkeypatch: pytest.MonkeyPatch) -> dict:
+    """What real training leaves that nothing interrupts."""
+    in_one_process(monkeypatch)
+    status, printed = live(out, usual=REAL)
+    assert status == 0, printed
+    return outcome(out)
+
+
+def test_a_killed_launch_goes_on_in_real_processes(tmp_path, monkeypatch):
+    killed = start(tmp_path)
+    episode = wait_for_checkpoint(tmp_path)
     killed.kill()  # the launch alone: its workers notice
     killed.communicate()
     wait_until_gone(killed.pid)
-    going_on = start(folders[1])
+    going_on = start(tmp_path)
     # Saved at once by a signal, with an exit status of its own; then to the end.
-    later = wait_for_checkpoint(folders[1], after=episode)
+    later = wait_for_checkpoint(tmp_path, after=episode)
     going_on.send_signal(signal.SIGTERM)
     printed, _ = going_on.communicate(timeout=60)
     assert going_on.returncode == 128 + signal.SIGTERM, printed
     assert "go on from episode" in printed and "stopping: unfinished runs are saved" in printed
     wait_until_gone(going_on.pid)
-    saved = wait_for_checkpoint(folders[1], after=later - 1)
-    printed = finish(start(folders[1]))
+    saved = wait_for_checkpoint(tmp_path, after=later - 1)
+    printed = finish(start(tmp_path))
     assert f"go on from episode {saved}" in printed or f", {saved}" in printed
-    finish(whole)
-    one, other = (outcome(folder / "runs") for folder in folders)
-    assert one == other
-    assert len(one["rows"]) == 2 * 5
+    left = outcome(tmp_path / "runs")
+    assert len(left["rows"]) == 2 * 5
+    assert left == uninterrupted(tmp_path / "whole", monkeypatch)
 
 
 @pytest.mark.slow
 @pytest.mark.timeout(1200)
-def test_real_launches_killed_at_random_moments(tmp_path):
+def test_real_launches_killed_at_random_moments(tmp_path, monkeypatch):
     """The launch, a worker, or all of them at once, as a lack of memory or a power cut would."""
-    (tmp_path / "whole").mkdir()
-    finish(start(tmp_path / "whole"))
-    expected, chance, kills = outcome(tmp_path / "whole" / "runs"), random.Random(3), 0
+    expected, chance, kills = uninterrupted(tmp_path / "whole", monkeypatch), random.Random(3), 0
     for number in range(4):
         folder = tmp_path / str(number)
         folder.mkdir()
