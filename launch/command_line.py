@@ -46,6 +46,8 @@ class Request(NamedTuple):
     workers: int  # 0: one for each core
     video: bool
     tensorboard: bool
+    executor: str  # local or ray
+    ray_address: str | None
     device: str
     config: hac_suite.Config
 
@@ -110,7 +112,13 @@ def _flags() -> flags.FlagValues:
         "executor",
         "local",
         ["local", "ray"],
-        "local: on this machine; ray is not built yet",
+        "local: on this machine; ray: on a cluster",
+        values,
+    )
+    flags.DEFINE_string(
+        "ray_address",
+        None,
+        "auto, or HOST:PORT of the head; none: a Ray of its own on this machine",
         values,
     )
     flags.DEFINE_enum(
@@ -126,13 +134,9 @@ def _flags() -> flags.FlagValues:
 
 
 def _request(values: flags.FlagValues, settings_given: ConfigDict) -> Request:
-    if values.executor != "local":
-        raise errors.CommandError(
-            f"flag --executor={values.executor}: the Ray executor is not built yet; "
-            "--executor=local trains on this machine"
-        )
     if values.tensorboard:
         _require("tensorboard", flag="tensorboard", extra="tensorboard")
+    _check_ray(values)
     return Request(
         tasks=task_names(values.task),
         subgoal_layers=_subgoal_layers(values.subgoal_layers),
@@ -142,9 +146,27 @@ def _request(values: flags.FlagValues, settings_given: ConfigDict) -> Request:
         workers=values.workers,
         video=values.video,
         tensorboard=values.tensorboard,
-        device=_device(values.device),
+        executor=values.executor,
+        ray_address=values.ray_address,
+        device="cpu" if values.executor == "ray" else _device(values.device),
         config=settings.to_config(settings_given),
     )
+
+
+def _check_ray(values: flags.FlagValues) -> None:
+    """Raises CommandError where the Ray executor cannot do what the flags ask of it."""
+    address = values.ray_address
+    if values.executor != "ray":
+        if address is not None:
+            raise errors.CommandError(f"flag --ray_address={address}: it needs --executor=ray")
+        return
+    _require("ray", flag="executor=ray", extra="cluster")
+    if address is not None and not re.fullmatch(r"auto|[\w.-]+:\d{1,5}", address, re.ASCII):
+        raise errors.CommandError(
+            f"flag --ray_address={address}: it takes auto, or HOST:PORT as `ray start` prints it"
+        )
+    if values.device == "cuda":
+        raise errors.CommandError("flag --device=cuda: --executor=ray trains on CPUs only")
 
 
 def _require(package: str, *, flag: str, extra: str) -> None:

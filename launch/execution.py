@@ -9,7 +9,7 @@ import sys
 import threading
 import time
 import traceback
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Generator, Sequence
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
 from pathlib import Path
@@ -21,7 +21,7 @@ Send = Callable[[Any], None]
 Work = Callable[[Job, Send], None]
 
 _POLL_SECONDS = 0.2
-_GRACE_SECONDS = 60.0  # for workers to save what they are at
+GRACE_SECONDS = 60.0  # for workers to save what they are at
 
 
 class Started(NamedTuple):
@@ -34,6 +34,12 @@ class Finished(NamedTuple):
 
 class Failed(NamedTuple):
     reason: str  # one line; what the worker printed is in its log
+
+
+class Lost(NamedTuple):
+    """The job's machine died, or Ray's process on it: the job begins again elsewhere."""
+
+    reason: str
 
 
 class StopSignal:
@@ -68,6 +74,7 @@ class _Worker(NamedTuple):
     job: Job
     process: BaseProcess
     messages: Connection
+    log: Path
     started: float
 
 
@@ -95,35 +102,52 @@ def execute(
     try:
         while (waiting or running) and stop.number is None:
             while waiting and len(running) < workers:
-                running.append(_start(waiting.pop(0), work, log))
+                running.append(_start(waiting[0], work, log(waiting.pop(0))))
                 on_message(running[-1].job, Started())
             ready = wait([worker.messages for worker in running], timeout=_POLL_SECONDS)
             for worker in [worker for worker in running if worker.messages in ready]:
                 message = _receive(worker)
                 if isinstance(message, Finished | Failed):
-                    worker.process.join(timeout=5)
                     running.remove(worker)
-                    _end(worker.process)
-                    if isinstance(message, Finished):
-                        log(worker.job).unlink(missing_ok=True)
+                    _settle(worker, message)
                 on_message(worker.job, message)
             on_poll()
     finally:
         for worker in running:  # all at once: each may have a checkpoint to write first
             worker.process.terminate()
         for worker in running:
-            _end(worker.process, _GRACE_SECONDS)
+            _end(worker.process, GRACE_SECONDS)
 
 
-def _start(job: Job, work: Work, log: Callable[[Job], Path]) -> _Worker:
-    log(job).touch()  # there even if the process dies before it can open it
+def messages(job: Job, work: Work, log: Path) -> Generator[Any, None, None]:
+    """Runs one job in a worker process; yields the messages that `execute` passes on.
+
+    Closing this ends the worker.
+    """
+    worker = _start(job, work, log)
+    try:
+        yield Started()
+        message = None
+        while not isinstance(message, Finished | Failed):
+            while not wait([worker.messages], timeout=_POLL_SECONDS):
+                pass  # to notice an interrupt that, like Ray's, does not wake what blocks
+            message = _receive(worker)
+            if isinstance(message, Finished | Failed):
+                _settle(worker, message)
+            yield message
+    finally:
+        _end(worker.process, GRACE_SECONDS)
+
+
+def _start(job: Job, work: Work, log: Path) -> _Worker:
+    log.touch()  # there even if the process dies before it can open it
     context = multiprocessing.get_context("spawn")
     receiver, sender = context.Pipe(duplex=False)
-    process = context.Process(target=_main, args=(work, job, sender, log(job)), name=job.name)
+    process = context.Process(target=_main, args=(work, job, sender, log), name=job.name)
     process.daemon = True
     process.start()
     sender.close()  # only the worker holds it now: its death ends the stream
-    return _Worker(job, process, receiver, time.monotonic())
+    return _Worker(job, process, receiver, log, time.monotonic())
 
 
 def _receive(worker: _Worker) -> Any:
@@ -136,6 +160,14 @@ def _receive(worker: _Worker) -> Any:
     if isinstance(message, Finished):
         return Finished(time.monotonic() - worker.started)
     return message
+
+
+def _settle(worker: _Worker, message: Finished | Failed) -> None:
+    """Sees a worker off that has sent its last message."""
+    worker.process.join(timeout=5)
+    _end(worker.process)
+    if isinstance(message, Finished):
+        worker.log.unlink(missing_ok=True)
 
 
 def _epitaph(exit_code: int | None) -> str:

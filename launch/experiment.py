@@ -9,7 +9,16 @@ from rich.console import Console
 
 import hac_suite
 import tasks
-from launch import checkpoints, manifest, planning, presentation, settings, training
+from launch import (
+    checkpoints,
+    lost_jobs,
+    manifest,
+    planning,
+    presentation,
+    ray_execution,
+    settings,
+    training,
+)
 from launch.command_line import Request
 from launch.execution import StopSignal, execute
 from launch.planning import Agent
@@ -36,9 +45,11 @@ def run(request: Request, command: Sequence[str], *, work=training.train_job) ->
     """
     console = Console()
     folders = {task: RunFolder(request.out, task) for task in request.tasks}
-    with contextlib.ExitStack() as held, StopSignal() as stop:
+    with contextlib.ExitStack() as held:
+        cluster = _cluster(request, held)
+        stop = held.enter_context(StopSignal())  # after Ray has set signal handlers of its own
         found = _lock(list(folders.values()), request, held, console)
-        workers = request.workers or manifest.cores()
+        workers = cluster.workers if cluster else request.workers or manifest.cores()
         asked = {
             "subgoal_layers": list(request.subgoal_layers),
             "seeds": list(request.seeds),
@@ -51,11 +62,18 @@ def run(request: Request, command: Sequence[str], *, work=training.train_job) ->
             for task, folder in folders.items()
         }
         recorder = Recorder(folders, manifests, console, request.tensorboard)
-        _train(request, recorder, found, workers, work, console, stop)
+        _train(request, recorder, found, workers, work, console, stop, cluster)
         if stop.number is None:
             presentation.present(folders.values(), request, console, stop)
         recorder.close(stopped=stop.number is not None)
         return _conclude(request, folders, recorder, console, stop)
+
+
+def _cluster(request: Request, held: contextlib.ExitStack) -> ray_execution.Cluster | None:
+    """The Ray cluster that is asked for; None: this machine's own processes do."""
+    if request.executor != "ray":
+        return None
+    return held.enter_context(ray_execution.Cluster(request.ray_address, request.workers))
 
 
 def _lock(
@@ -119,6 +137,7 @@ def _train(
     work,
     console: Console,
     stop: StopSignal,
+    cluster: ray_execution.Cluster | None,
 ) -> None:
     """Trains what is missing."""
     missing = defaultdict[planning.Group, list[int]](list)
@@ -138,13 +157,16 @@ def _train(
     if not jobs:
         return
     plans = {task: _plan(task, request, recorder) for task in request.tasks}
+    say = functools.partial(console.print, soft_wrap=True)
+    again = functools.partial(lost_jobs.again, recorder=recorder, plans=plans, say=say)
+    run_jobs = functools.partial(cluster.execute, again=again) if cluster else execute
     with Board(jobs, episodes, console) as board:
 
         def poll() -> None:
             board.tick()
             recorder.tick()
 
-        execute(
+        run_jobs(
             jobs,
             functools.partial(work, plans=plans),
             workers=workers,

@@ -9,8 +9,9 @@ from rich.console import Console
 
 import hac_suite
 from analysis.figure import write_figure
+from analysis.schema import KEY
 from launch import manifest, results
-from launch.execution import Failed, Finished, Started
+from launch.execution import Failed, Finished, Lost, Started
 from launch.planning import Job
 from launch.progress import Board
 from launch.run_folder import RunFolder
@@ -45,6 +46,7 @@ class Recorder:
         self._drawn = dict.fromkeys(folders, -_SECONDS_BETWEEN_FIGURES)  # long ago
         self._outdated: set[str] = set()  # tasks whose figure lacks rows
         self._periods: dict[Job, int] = {}  # the last that each job tested
+        self._recorded: set[tuple] = set()  # keys of the rows that this launch's runs have
 
     def prepare(
         self, task: str, runs: Mapping[tuple[int, int], Sequence[Mapping[str, Any]]]
@@ -52,6 +54,7 @@ class Recorder:
         """Readies a folder for the runs that are about to start or to go on, as it has them."""
         folder = self.folders[task]
         dropped = folder.prepare(runs)
+        self._recorded |= {_key(row) for behind in runs.values() for row in behind}
         if dropped:
             self._console.print(
                 f"warning: dropped {dropped} line(s) of {folder.results} that a kill had cut short",
@@ -88,6 +91,10 @@ class Recorder:
             self._tested(board, job, message)
         elif isinstance(message, Warned):
             self._console.print(f"warning: {job.agent}: {message.text}", soft_wrap=True)
+        elif isinstance(message, Lost):
+            self._console.print(
+                f"warning: {job.agent}: lost with its machine ({message.reason})", soft_wrap=True
+            )
         elif isinstance(message, Finished):
             board.ended(job, "done")
             self._finished(job, message)
@@ -114,15 +121,23 @@ class Recorder:
             manifest.write(folder.manifest, self.manifests[task])
 
     def _tested(self, board: Board, job: Job, message: Tested) -> None:
-        folder = self.folders[job.agent.task]
-        results.append(folder.results, message.rows)
-        if folder.task in self._scalars:
-            with self._warning_of_scalars(folder.task):
-                self._scalars[folder.task].add(message.rows)
+        self.add(job, message.rows)
         success = sum(row["success_rate"] for row in message.rows) / len(message.rows)
         board.progressed(job, message.rows[0]["train_episodes"], success)
-        self._outdated.add(folder.task)
         self._periods[job] = message.period
+
+    def add(self, job: Job, rows: Sequence[Mapping[str, Any]]) -> None:
+        """Adds those rows that are not there: a job that began again repeats some of its own."""
+        folder = self.folders[job.agent.task]
+        rows = [row for row in rows if _key(row) not in self._recorded]
+        if not rows:
+            return
+        results.append(folder.results, rows)
+        self._recorded |= {_key(row) for row in rows}
+        self._outdated.add(folder.task)
+        if folder.task in self._scalars:
+            with self._warning_of_scalars(folder.task):
+                self._scalars[folder.task].add(rows)
 
     def _finished(self, job: Job, message: Finished) -> None:
         task, subgoal_layers = job.agent
@@ -162,3 +177,8 @@ class Recorder:
             )
         self._outdated.discard(task)
         self._drawn[task] = time.monotonic()
+
+
+def _key(row: Mapping[str, Any]) -> tuple:
+    """What a row of results.csv is of."""
+    return tuple(row[column] for column in KEY)

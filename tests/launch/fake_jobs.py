@@ -87,3 +87,25 @@ def _leave_policy(folder: RunFolder, job: Job, seed: int, period: int) -> None:
     description = {**job.agent._asdict(), "seed": seed, "period": period, "success_rate": 0.5}
     for suffix in POLICY_SUFFIXES:
         stem.with_name(stem.name + suffix).write_text(json.dumps(description))
+
+
+def save_when_told(job: Job, send) -> None:
+    """Trains until SIGTERM, and then saves into the file that the job's task names."""
+
+    def save(*_):
+        time.sleep(1.0)
+        Path(job.agent.task).write_text("all of it")
+        os._exit(0)
+
+    signal.signal(signal.SIGTERM, save)
+    send("training")
+    time.sleep(600)
+
+
+def kill_ray_process_at_start(job: Job, send) -> None:
+    """Takes the Ray process that watches it with it: each time, or where it begins with 0."""
+    send(job.start)
+    time.sleep(0.5)
+    if job.agent.task == "always" or not job.start:
+        os.kill(os.getppid(), signal.SIGKILL)
+        time.sleep(600)

@@ -28,12 +28,15 @@ def test_defaults_are_the_main_job():
 def test_flags_reach_the_request():
     request = parse(
         "--task=all", "--seeds=3", "--subgoal_layers=2,0", "--periods=4", "--out=x y/ü",
-        "--workers=5", "--novideo", "--executor=local",
+        "--workers=5", "--novideo", "--executor=ray", "--ray_address=10.0.0.1:6379",
+        "--tensorboard",
     )  # fmt: skip
     assert request.tasks == tuple(tasks.ALL)
     assert (request.seeds, request.subgoal_layers) == ((0, 1, 2), (0, 2))
     assert (request.periods, request.workers, request.video) == (4, 5, False)
     assert str(request.out) == "x y/ü"
+    assert (request.executor, request.ray_address) == ("ray", "10.0.0.1:6379")
+    assert request.tensorboard and not parse().tensorboard and parse().executor == "local"
 
 
 @pytest.mark.parametrize("preset", sorted(hac_suite.PRESETS))
@@ -68,7 +71,10 @@ def test_overrides_change_one_field_each():
         ("--subgoal_layers=", "--subgoal_layers=: it takes some of 0,1,2"),
         ("--periods=0", "--periods=0"),
         ("--workers=-1", "--workers=-1"),
-        ("--executor=ray", "--executor=ray: the Ray executor is not built yet"),
+        ("--ray_address=auto", "--ray_address=auto: it needs --executor=ray"),
+        ("--executor=ray --ray_address=head", "--ray_address=head: it takes auto, or HOST:PORT"),
+        ("--executor=ray --ray_address=ray://head:1", "it takes auto, or HOST:PORT"),
+        ("--executor=ray --device=cuda", "--device=cuda: --executor=ray trains on CPUs only"),
         ("--executor=rai", "--executor=rai: value should be one of <local|ray>"),
         ("--device=gpu", "--device=gpu: value should be one of <cpu|cuda|auto>"),
         ("pick_place", "unexpected word 'pick_place'"),
@@ -80,15 +86,29 @@ def test_overrides_change_one_field_each():
         ("--config.batch_size=big", "--config.batch_size=big"),
         ("--config.batch_size=1.5", "--config.batch_size=1.5"),
         ("--config.discount=7", "discount is 7.0"),
-        ("--config.hidden_sizes=(3, 2.5)", "hidden_sizes takes a tuple like (64, 64, 64)"),
+        ("--config.hidden_sizes=(3,2.5)", "hidden_sizes takes a tuple like (64, 64, 64)"),
         ("--config.test_draw=sometimes", "test_draw is 'sometimes'"),
     ],
 )
 def test_bad_input_is_answered_in_one_line(word, answer):
     with pytest.raises(CommandError) as caught:
-        parse(*word.split(" ", 1) if word.startswith("--config ") else [word])
+        parse(*word.split(" "))
     assert answer in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("word", "package", "extra"),
+    [("--executor=ray", "ray", "cluster"), ("--tensorboard", "tensorboard", "tensorboard")],
+)
+def test_where_an_extra_is_absent_one_line_says_how_to_install_it(
+    monkeypatch, word, package, extra
+):
+    monkeypatch.setattr(command_line.importlib.util, "find_spec", lambda _: None)
+    with pytest.raises(CommandError) as caught:
+        parse(word)
+    assert f"{package} is not installed" in str(caught.value)
+    assert f"'.[{extra}]'" in str(caught.value) and "\n" not in str(caught.value)
 
 
 def test_a_gpu_is_taken_only_where_there_is_one(monkeypatch):

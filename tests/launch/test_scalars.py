@@ -1,15 +1,12 @@
 """--tensorboard: the same numbers as in results.csv, and only once, whatever was interrupted."""
 
-import importlib.util
 import sys
 from pathlib import Path
 
-import pytest
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
 from analysis.load import load
 from launch import command_line, experiment, results
-from launch.errors import CommandError
 from launch.run_folder import RunFolder
 from launch.scalars import Scalars
 from tests.launch import fake_jobs
@@ -78,15 +75,6 @@ def test_curves_that_cannot_be_written_do_not_harm_training(tmp_path, capsys, mo
     assert launch(tmp_path, "--periods=1", "--tensorboard") == 0
     assert capsys.readouterr().out.count("no more curves for TensorBoard: No space left") == 1
     assert len(load(tmp_path / TASK)) == 4
-
-
-def test_without_the_package_one_line_says_how_to_install_it(tmp_path, monkeypatch):
-    monkeypatch.setattr(importlib.util, "find_spec", lambda _: None)
-    with pytest.raises(CommandError) as caught:
-        launch(tmp_path, "--tensorboard")
-    assert "tensorboard is not installed" in str(caught.value)
-    assert "'.[tensorboard]'" in str(caught.value) and "\n" not in str(caught.value)
-    assert list(tmp_path.iterdir()) == []
 
 
 def test_without_the_flag_the_package_is_not_needed(tmp_path, monkeypatch):

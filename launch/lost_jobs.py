@@ -1,0 +1,26 @@
+"""What becomes of a job whose machine died: it begins where its own checkpoints stand."""
+
+from collections.abc import Callable, Mapping
+
+from launch import checkpoints
+from launch.planning import Job
+from launch.recording import Recorder
+from launch.training import Plan
+
+
+def again(
+    job: Job, *, recorder: Recorder, plans: Mapping[str, Plan], say: Callable[[str], None]
+) -> Job:
+    """The job as it is to begin again; rows that only its checkpoints have are recorded first.
+
+    Its seeds begin together, where the last one's checkpoint stands: each keeps the one before.
+    """
+    task, subgoal_layers = job.agent
+    plan = plans[task]
+    run = checkpoints.Run(job.agent, plan.horizons[subgoal_layers], plan.config)
+    folder = recorder.folders[task]
+    found = checkpoints.standings(folder, run, job.seeds, plan.periods, say)
+    recorder.add(job, [row for seed in sorted(found) for row in found[seed].rows])
+    if len(found) < len(job.seeds):
+        return job._replace(start=0)
+    return job._replace(start=min(standing.train_episodes for standing in found.values()))
