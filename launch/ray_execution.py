@@ -9,6 +9,7 @@ import logging
 import os
 import pickle
 import socket
+from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -57,7 +58,6 @@ class Cluster:
         """
         self.workers = workers
         self._address = address
-        self._losses: dict[Job, int] = {}
 
     def __enter__(self) -> "Cluster":
         for name, value in {**_ANY_CLUSTER, **({} if self._address else _OWN_CLUSTER)}.items():
@@ -115,6 +115,7 @@ class Cluster:
         """
         waiting = [(job, job) for job in jobs]
         running: list[_Attempt] = []
+        losses = Counter[Job]()
         try:
             while (waiting or running) and stop.number is None:
                 while waiting and len(running) < workers:
@@ -125,29 +126,30 @@ class Cluster:
                     if isinstance(message, Finished | Failed | Lost):
                         running.remove(attempt)
                     if isinstance(message, Lost):
-                        message = self._after_loss(attempt.job, message, again, waiting)
+                        losses[attempt.job] += 1
+                        message = _after_loss(attempt.job, message, losses, again, waiting)
                     on_message(attempt.job, message)
                 on_poll()
         finally:
             _cancel(running)
 
-    def _after_loss(
-        self,
-        job: Job,
-        lost: Lost,
-        again: Callable[[Job], Job],
-        waiting: list[tuple[Job, Job]],
-    ) -> Lost | Failed:
-        """Puts the job first in the queue; what to tell about it."""
-        self._losses[job] = self._losses.get(job, 0) + 1
-        if self._losses[job] > MOST_LOSSES:
-            return Failed(f"lost {self._losses[job]} times with its machine: {lost.reason}")
-        try:
-            now = again(job)
-        except (CommandError, OSError) as error:
-            return Failed(f"lost with its machine, and its checkpoints cannot be used: {error}")
-        waiting.insert(0, (job, now))
-        return Lost(f"{lost.reason}; goes on elsewhere from episode {now.start}")
+
+def _after_loss(
+    job: Job,
+    lost: Lost,
+    losses: Counter[Job],
+    again: Callable[[Job], Job],
+    waiting: list[tuple[Job, Job]],
+) -> Lost | Failed:
+    """Puts the job first in the queue, if it was not lost too often; what to tell about it."""
+    if losses[job] > MOST_LOSSES:
+        return Failed(f"lost {losses[job]} times with its machine: {lost.reason}")
+    try:
+        now = again(job)
+    except (CommandError, OSError) as error:
+        return Failed(f"lost with its machine, and its checkpoints cannot be used: {error}")
+    waiting.insert(0, (job, now))
+    return Lost(f"{lost.reason}; goes on elsewhere from episode {now.start}")
 
 
 def _knock(address: str) -> None:
