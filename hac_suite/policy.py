@@ -142,7 +142,7 @@ def _is_count(value: Any) -> bool:
 def _read_description(path: Path) -> dict[str, Any]:
     try:
         described = json.loads(path.read_text())
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, RecursionError) as error:
         raise ValueError(f"{path} does not describe a policy: {error}") from error
     if not isinstance(described, dict) or described.get("format") != _FORMAT:
         raise ValueError(f"{path} does not describe a policy: its format is not {_FORMAT!r}.")

@@ -142,7 +142,7 @@ def _request(values: flags.FlagValues, settings_given: ConfigDict) -> Request:
         subgoal_layers=_subgoal_layers(values.subgoal_layers),
         seeds=tuple(range(values.seeds)),
         periods=values.periods,
-        out=Path(values.out),
+        out=_folder(values.out),
         workers=values.workers,
         video=values.video,
         tensorboard=values.tensorboard,
@@ -151,6 +151,13 @@ def _request(values: flags.FlagValues, settings_given: ConfigDict) -> Request:
         device="cpu" if values.executor == "ray" else _device(values.device),
         config=settings.to_config(settings_given),
     )
+
+
+def _folder(name: str) -> Path:
+    """Raises CommandError for a name in which the shell passed on bytes that are no text."""
+    if not name.isprintable():
+        raise errors.CommandError(f"flag --out={name!r}: a folder's name is printable text")
+    return Path(name)
 
 
 def _check_ray(values: flags.FlagValues) -> None:

@@ -7,6 +7,8 @@ from absl import flags
 
 from launch.errors import CommandError, unknown
 
+MOST = 100_000  # of anything: what nobody means must not fill the memory
+
 
 class HelpRequested(Exception):
     """--help was among the words; whoever catches this prints the help."""
@@ -21,10 +23,16 @@ class _WholeNumber(flags.IntegerParser):
 
 
 def define_count(
-    values: flags.FlagValues, name: str, default: int | None, description: str, *, least: int
+    values: flags.FlagValues,
+    name: str,
+    default: int | None,
+    description: str,
+    *,
+    least: int,
+    most: int = MOST,
 ) -> None:
-    """Defines a flag that takes a whole number of at least `least`."""
-    parser = _WholeNumber(lower_bound=least)
+    """Defines a flag that takes a whole number from `least` to `most`."""
+    parser = _WholeNumber(lower_bound=least, upper_bound=most)
     flags.DEFINE(parser, name, default, description, values, flags.ArgumentSerializer())
 
 

@@ -74,7 +74,7 @@ def read(path: Path) -> Manifest | None:
         return None
     try:
         manifest = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, RecursionError) as error:
         raise CommandError(f"{path} cannot be read ({error}); move the folder away") from error
     if not isinstance(manifest, dict) or not new("", 0, {}).keys() <= manifest.keys():
         raise CommandError(f"{path} is not a run folder's manifest; move the folder away")

@@ -43,7 +43,7 @@ def _read(file: Path) -> Found:
             seed=_entry(description, "seed", int),
             success_rate=float(_entry(description, "success_rate", int | float)),
         )
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, RecursionError) as error:
         raise CommandError(f"{file} does not describe a policy: {error}") from error
 
 

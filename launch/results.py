@@ -13,6 +13,7 @@ from launch.errors import CommandError
 
 Row = dict[str, str]
 
+_MOST_DIGITS = 15  # Python does not read numbers of thousands of digits
 _WHOLE_NUMBERS = ("subgoal_layers", "seed", "period")  # what says which runs are finished
 
 
@@ -41,9 +42,10 @@ def read(path: Path) -> tuple[list[Row], int]:
 def _row(path: Path, number: int, line: list[str]) -> Row:
     row = dict(zip(RESULTS_COLUMNS, line, strict=True))
     for column in _WHOLE_NUMBERS:
-        if not (row[column].isascii() and row[column].isdigit()):
+        cell = row[column]
+        if not (cell.isascii() and cell.isdigit() and len(cell) <= _MOST_DIGITS):
             raise CommandError(
-                f"{path}, line {number}: {column} is {row[column]!r}, not a whole number; "
+                f"{path}, line {number}: {column} is {cell[:40]!r}, not a whole number; "
                 "mend the line or remove it"
             )
     return row

@@ -2,6 +2,7 @@
 
 import fcntl
 import json
+import math
 import re
 import statistics
 from collections.abc import Iterable, Mapping, Sequence
@@ -63,7 +64,8 @@ def read(path: Path) -> FolderState:
         own = sorted(rows.get(run, []), key=lambda row: int(row["period"]))
         episode = _checkpointed(folder, run)
         least = periods if run in asked and periods is not None else _period(own) or 0
-        if {int(row["period"]) for row in own} >= set(range(least + 1)) and folder.has_policy(*run):
+        tested = {int(row["period"]) for row in own if int(row["period"]) <= least}
+        if len(tested) == least + 1 and folder.has_policy(*run):
             state = "done"
         elif run in failed:
             state = "failed"
@@ -116,7 +118,12 @@ def _asked(recorded: Mapping[str, Any]) -> tuple[set[tuple[int, int]], int | Non
         asked = dict(recorded["asked"])
         runs = {(int(k), int(seed)) for k in asked["subgoal_layers"] for seed in asked["seeds"]}
         return runs, int(asked["periods"])
-    except (KeyError, TypeError, ValueError):  # written by hand, or by an earlier version
+    except (
+        KeyError,
+        OverflowError,
+        TypeError,
+        ValueError,
+    ):  # written by hand, or by an earlier version
         return set(), None
 
 
@@ -130,7 +137,7 @@ def _failures(task: str, recorded: Mapping[str, Any]) -> list[tuple[Job, str]]:
             for failure in recorded.get("failures") or []
             if failure["seeds"]
         ]
-    except (KeyError, TypeError, ValueError):
+    except (KeyError, OverflowError, TypeError, ValueError):
         return []
 
 
@@ -189,7 +196,8 @@ def _seconds_left(runs: Sequence[RunState], workers: Any) -> float | None:
         if not (run.period and run.seconds > 0)
     ]
     together = workers if isinstance(workers, int) and workers > 0 else 1
-    return max([*left, (sum(left) + sum(new)) / together])
+    longest = max([*left, (sum(left) + sum(new)) / together])
+    return longest if math.isfinite(longest) else None
 
 
 def _jobs(runs: Iterable[RunState]) -> list[list[RunState]]:

@@ -71,6 +71,8 @@ def test_overrides_change_one_field_each():
         ("--subgoal_layers=", "--subgoal_layers=: it takes some of 0,1,2"),
         ("--periods=0", "--periods=0"),
         ("--workers=-1", "--workers=-1"),
+        ("--seeds=1000000000000", "--seeds=1000000000000"),
+        ("--out=\udcff", "--out='\\udcff': a folder's name is printable text"),
         ("--ray_address=auto", "--ray_address=auto: it needs --executor=ray"),
         ("--executor=ray --ray_address=head", "--ray_address=head: it takes auto, or HOST:PORT"),
         ("--executor=ray --ray_address=ray://head:1", "it takes auto, or HOST:PORT"),

@@ -1,0 +1,380 @@
+"""Property tests: whatever a person types or puts into a file, the answer is one clear line."""
+
+import io
+import json
+import math
+import shutil
+import warnings
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+import safetensors.torch
+import torch
+from hypothesis import HealthCheck, Phase, given, settings
+from hypothesis import strategies as st
+from rich.console import Console
+
+import hac_suite
+import tasks
+from analysis.load import load
+from hac_suite.networks import StackedMLP
+from launch import command_line, errors, flag_parsing, play, policies, results, run_states, status
+from launch.planning import Agent, Job
+from launch.run_folder import RunFolder
+from launch.settings import field_names
+from tasks import assets
+from tests.launch import fake_jobs
+
+AGENT = Agent("pendulum_climb", 1)
+ASKED = {"subgoal_layers": [0, 1], "seeds": [0, 1], "periods": 2}
+FAILURE = {"subgoal_layers": 0, "seeds": [1], "reason": "x"}
+LAUNCH = {
+    "task": AGENT.task, "max_steps": 1, "horizons": {}, "config": {}, "jobs": [],
+    "earlier_launches": [], "asked": ASKED, "failures": [FAILURE], "workers": 2,
+    "command": ["python", "x"], "finished": None,
+}  # fmt: skip
+
+# Generated inputs of each property in `make test-all`; `make test` takes QUICK of each.
+THOROUGH = {
+    "words": 2500,
+    "overrides": 2000,
+    "counts": 1000,
+    "results": 2000,
+    "names": 1000,
+    "manifests": 1000,
+    "descriptions": 1000,
+    "weights": 1000,
+    "models": 1000,
+}
+QUICK = 25
+
+
+def test_the_thorough_run_is_of_ten_thousand_inputs():
+    assert sum(THOROUGH.values()) >= 10_000
+
+
+@pytest.fixture(params=["quick", pytest.param("thorough", marks=pytest.mark.slow)])
+def try_all(request):
+    """Calls a function with generated inputs; the quick ones are the same each time."""
+
+    def run(name: str, strategy: st.SearchStrategy, check: Callable) -> None:
+        quick = request.param == "quick"
+        count, tried = QUICK if quick else THOROUGH[name], [0]
+
+        def counted(value) -> None:
+            tried[0] += 1
+            check(value)
+
+        limits = settings(
+            max_examples=count,
+            derandomize=quick,
+            database=None,
+            deadline=None,
+            phases=(Phase.generate, Phase.shrink),
+            suppress_health_check=list(HealthCheck),
+        )
+        limits(given(strategy)(counted))()
+        assert tried[0] >= count
+
+    return run
+
+
+def answered(error: BaseException) -> None:
+    """One line that says something."""
+    assert str(error).strip()
+    assert len(str(error).splitlines()) == 1, str(error)
+
+
+# What the shell can pass on: any character but NUL, and bytes that are no text.
+typed = st.text(
+    st.one_of(
+        st.characters(exclude_characters="\0", exclude_categories=["Cs"]),
+        st.sampled_from("0123456789-+.,=()[]'\"\\/ \n\t\u0660\udcff"),
+    ),
+    max_size=30,
+)
+numbers = st.one_of(
+    st.integers(-3, 40), st.integers(), st.floats(), st.sampled_from(["1e3", "0x10", "1_0", "٣"])
+).map(str)
+words = ("pick_place", "all", "paper", "local", "ray", "auto", "cpu", "cuda", "true", "None", "")
+values = st.one_of(typed, numbers, st.sampled_from(words))
+keys = st.one_of(st.sampled_from(field_names()), typed)
+
+
+@st.composite
+def misspelt(draw, names: tuple[str, ...]) -> str:
+    """One of the names, often with a character more, less or other."""
+    name = draw(st.sampled_from(names))
+    place = draw(st.integers(0, len(name)))
+    put = draw(st.sampled_from(["", "", "x", "_", name[place : place + 1] * 2]))
+    return name[:place] + put + name[place + draw(st.integers(0, 1)) :]
+
+
+FLAGS = tuple(command_line._flags())
+flag = st.one_of(st.sampled_from(FLAGS), misspelt(FLAGS), st.sampled_from(["config", "help", ""]))
+word = st.one_of(
+    st.tuples(st.sampled_from(["--", "-", "--no"]), flag, st.just("="), values).map("".join),
+    st.tuples(st.sampled_from(["--", "-", "--no"]), flag).map("".join),
+    values,
+)
+
+
+def check_words(argv: list[str]) -> None:
+    try:
+        request = command_line.parse(["launch/run.py", *argv])
+    except flag_parsing.HelpRequested:
+        return
+    except errors.CommandError as error:
+        return answered(error)
+    assert set(request.tasks) <= set(tasks.ALL) and request.tasks
+    assert request.seeds and request.periods > 0 and request.workers >= 0
+    assert set(request.subgoal_layers) <= {0, 1, 2} and request.subgoal_layers
+    assert str(request.out).isprintable()  # else printing the summary would fail
+
+
+def test_words_of_the_training_command(try_all):
+    try_all("words", st.lists(word, max_size=4), check_words)
+
+
+def test_words_of_the_other_commands(try_all, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+
+    def check(argv: list[str]) -> None:
+        flags = play._flags()
+        try:
+            flag_parsing.parse(flags, ["launch/play.py", *argv])
+            play._choose(flags)
+        except (errors.CommandError, flag_parsing.HelpRequested) as error:
+            if isinstance(error, errors.CommandError):
+                answered(error)
+        else:
+            raise AssertionError("there are no policies here")
+
+    try_all("words", st.lists(word, max_size=4), check)
+
+
+@pytest.mark.parametrize("preset", sorted(hac_suite.PRESETS))
+def test_overrides_of_hyperparameters(try_all, preset):
+    file = f"--config={command_line.CONFIGS / preset}.py"
+    override = st.tuples(
+        st.sampled_from(["--config.", "--noconfig.", "-config."]),
+        st.one_of(keys, misspelt(field_names())),
+        st.sampled_from(["=", "", " "]),
+        st.one_of(
+            values,
+            st.lists(numbers, max_size=4).map(lambda items: f"({', '.join(items)})"),
+            st.recursive(st.integers() | st.text(max_size=3) | st.none(), st.lists).map(repr),
+        ),
+    ).map("".join)
+    try_all("overrides", st.lists(override, min_size=1, max_size=2).map(lambda o: [file, *o]),
+            check_words)  # fmt: skip
+
+
+def test_counts_are_understood_or_refused(try_all):
+    def check(text: str) -> None:
+        try:
+            request = command_line.parse(["launch/run.py", f"--seeds={text}"])
+        except errors.CommandError as error:
+            return answered(error)
+        assert request.seeds == tuple(range(int(text)))
+
+    try_all("counts", st.one_of(numbers, typed, st.integers(1, 50).map(str)), check)
+
+
+@st.composite
+def damaged(draw, whole: bytes) -> bytes:
+    """The bytes with a few of them changed, gone, doubled or cut off; or others altogether."""
+    data = bytearray(whole)
+    for _ in range(draw(st.integers(0, 3))):
+        place = draw(st.integers(0, max(0, len(data) - 1)))
+        length = draw(st.integers(0, 40))
+        extra = draw(
+            st.one_of(st.binary(max_size=8), st.sampled_from([b",", b"\n", b'"', b"9" * 5000]))
+        )
+        data[place : place + length] = extra + data[place : place + draw(st.integers(0, length))]
+    if draw(st.integers(0, 9)) == 0:
+        return draw(st.binary(max_size=200))
+    return bytes(data[: draw(st.integers(0, len(data)))] if draw(st.booleans()) else data)
+
+
+def rows() -> list[dict]:
+    jobs = [Job(Agent(AGENT.task, layers), (0, 1)) for layers in (0, 1)]
+    return [
+        fake_jobs.row(job, seed, period) for job in jobs for seed in (0, 1) for period in range(3)
+    ]
+
+
+def show(state: run_states.FolderState) -> None:
+    status.show(Path("runs"), state, Console(file=io.StringIO(), width=120))
+
+
+cell = st.one_of(numbers, typed, st.sampled_from(["", "nan", "inf", "-1", "1e400", "9" * 5000]))
+
+
+def test_results_that_somebody_edited(try_all, tmp_path):
+    folder = RunFolder(tmp_path, AGENT.task)
+    folder.path.mkdir()
+    results.rewrite(folder.results, rows())
+    folder.manifest.write_text(json.dumps({**LAUNCH, "asked": None}))
+    whole = folder.results.read_bytes()
+    lines = whole.decode().splitlines()
+
+    @st.composite
+    def edited(draw) -> bytes:
+        line = draw(st.integers(0, len(lines) - 1))
+        cells = lines[line].split(",")
+        column = draw(st.one_of(st.integers(0, 3), st.integers(0, len(cells) - 1)))
+        cells[column] = draw(cell)
+        changed = "\n".join([*lines[:line], ",".join(cells), *lines[line + 1 :], ""])
+        return changed.encode(errors="surrogateescape")
+
+    def check(data: bytes) -> None:
+        folder.results.write_bytes(data)
+        for read in (
+            lambda: folder.finished(AGENT, 2),
+            lambda: show(run_states.read(folder.path)),
+            lambda: results.read(folder.results),
+        ):
+            try:
+                read()
+            except errors.CommandError as error:
+                answered(error)
+        with warnings.catch_warnings(action="ignore"):
+            try:
+                load(folder.path)
+            except ValueError as error:
+                answered(error)
+
+    try_all("results", st.one_of(edited(), damaged(whole)), check)
+
+
+def test_names_of_run_folders_stay_below_the_output_folder(try_all, tmp_path):
+    def check(name: str) -> None:
+        try:
+            folder = RunFolder(tmp_path, name)
+            with folder.lock():
+                assert folder.path.resolve().parent == tmp_path.resolve()
+                shutil.rmtree(folder.path)
+        except errors.CommandError as error:
+            answered(error)
+        assert list(tmp_path.iterdir()) == []
+
+    names = st.one_of(typed, st.sampled_from(["..", "../x", "a/b", "\0", "x" * 300, "~", "-"]))
+    try_all("names", names, check)
+
+
+json_values = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=5),
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=5), inner),
+    max_leaves=5,
+)
+
+
+@st.composite
+def other_entries(draw, whole: dict) -> bytes:
+    """A JSON object with some entries of other kinds, or missing."""
+    changed = dict(whole)
+    for name in draw(st.lists(st.sampled_from(sorted(whole)), max_size=3)):
+        changed[name] = draw(json_values)
+    for name in draw(st.lists(st.sampled_from(sorted(whole)), max_size=1)):
+        del changed[name]
+    return json.dumps(changed).encode()
+
+
+def test_manifests_that_somebody_edited(try_all, tmp_path):
+    folder = RunFolder(tmp_path, AGENT.task)
+    folder.path.mkdir()
+    results.rewrite(folder.results, rows())
+
+    def check(data: bytes) -> None:
+        folder.manifest.write_bytes(data)
+        try:
+            state = run_states.read(folder.path)
+        except errors.CommandError as error:
+            return answered(error)
+        show(state)
+        assert {run.state for run in state.runs} <= set(run_states.STATES)
+
+    @st.composite
+    def other_request(draw) -> bytes:
+        return json.dumps({**LAUNCH, "asked": json.loads(draw(other_entries(ASKED)))}).encode()
+
+    text = json.dumps(LAUNCH).encode()
+    deep = st.just(b"[" * 100_000)
+    inputs = st.one_of(other_entries(LAUNCH), other_request(), damaged(text), deep)
+    try_all("manifests", inputs, check)
+
+
+@pytest.fixture
+def policy(tmp_path) -> Path:
+    """A small policy's path, without suffix."""
+    network = StackedMLP(1, (3, 2, 2))
+    network.initialise(0, torch.Generator().manual_seed(0), last=0.5)
+    metadata = {"task": AGENT.task, "subgoal_layers": 0, "seed": 0, "success_rate": 0.5}
+    hac_suite.Policy.of_seed([network], 0, (4,)).save(tmp_path / "policy", metadata)
+    return tmp_path / "policy"
+
+
+def check_policy(path: Path) -> None:
+    try:
+        loaded = hac_suite.Policy.load(path)
+    except ValueError as error:
+        answered(error)
+    else:
+        assert all(torch.isfinite(network.parameters).all() for network in loaded.networks)
+    try:
+        found = policies.find(path.parent)
+    except errors.CommandError as error:
+        return answered(error)
+    assert all(math.isfinite(policy.success_rate) for policy in found)
+
+
+def test_descriptions_of_policies_that_somebody_edited(try_all, policy):
+    file = policy.with_suffix(".json")
+    whole = file.read_bytes()
+
+    def check(data: bytes) -> None:
+        file.write_bytes(data)
+        check_policy(policy)
+
+    deep = st.just(b"[" * 100_000)
+    inputs = st.one_of(other_entries(json.loads(whole)), damaged(whole), deep)
+    try_all("descriptions", inputs, check)
+
+
+def test_weights_of_policies_that_somebody_edited(try_all, policy):
+    file = policy.with_suffix(".safetensors")
+    whole = file.read_bytes()
+
+    @st.composite
+    def other_tensors(draw) -> bytes:
+        names = st.sampled_from(["level0.layer0", "level0.layer1", "level0.layer2", "x"])
+        shapes = st.lists(st.integers(0, 4), max_size=3)
+        kinds = st.sampled_from([torch.float32, torch.float64, torch.int64, torch.bool])
+        made = draw(st.dictionaries(names, st.tuples(shapes, kinds), max_size=3))
+        return safetensors.torch.save(
+            {name: torch.zeros(shape, dtype=kind) for name, (shape, kind) in made.items()}
+        )
+
+    def check(data: bytes) -> None:
+        file.write_bytes(data)
+        check_policy(policy)
+
+    try_all("weights", st.one_of(damaged(whole), other_tensors()), check)
+
+
+def test_models_that_somebody_edited(try_all, tmp_path):
+    file = tmp_path / "model.xml"
+    whole = (assets.MJCF_DIRECTORY / "pendulum.xml").read_bytes()
+
+    def check(given: tuple[str, bytes]) -> None:
+        name, data = given
+        file.write_bytes(data)
+        try:
+            assets.load_mjcf(str(tmp_path / name))
+        except (FileNotFoundError, ValueError) as error:
+            answered(error)
+
+    names = st.one_of(st.just(file.name), st.just(file.name), typed, st.just("x" * 300))
+    try_all("models", st.tuples(names, damaged(whole)), check)
