@@ -24,7 +24,11 @@ MOST_LOSSES = 3  # of one job; the next fails it
 # Read when Ray is imported. A cluster that begins here is reached from this machine alone; Ray
 # itself has it ask for a token.
 _OWN_CLUSTER = {"RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER": "0"}
-_ANY_CLUSTER = {"RAY_USAGE_STATS_ENABLED": "0", "RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO": "0"}
+_ANY_CLUSTER = {
+    "RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO": "0",
+    "RAY_COLOR_PREFIX": "0",  # no control characters, wherever the output goes
+    "RAY_USAGE_STATS_ENABLED": "0",
+}
 
 _ROOT = Path(__file__).resolve().parent.parent
 _POLL_SECONDS = 0.2

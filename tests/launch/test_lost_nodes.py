@@ -73,6 +73,7 @@ def test_a_node_dies_in_mid_run_and_the_results_are_those_of_one_machine(
         r"lost with its machine .*goes on elsewhere from episode (\d+)", printed
     )
     assert begun_again and int(begun_again[1]) > 0, printed
+    assert "\x1b" not in printed and "\r" not in printed  # also in what Ray itself says
     assert launch(tmp_path / "local", "--workers=2") == 0
     results, weights = learnt(tmp_path / "ray")
     expected_results, expected_weights = learnt(tmp_path / "local")
