@@ -3,12 +3,11 @@
 Run as `python -m analysis.anatomy`.
 """
 
-import argparse
 import functools
 from collections.abc import Sequence
 from pathlib import Path
 
-from analysis import grid, paper
+from analysis import command_line, paper
 from analysis.anatomy_figure import draw_anatomy
 from analysis.episodes import load_episodes
 from analysis.figure import save_png
@@ -32,11 +31,7 @@ def write_anatomy(folder: Path, task: str, output: Path) -> list[Path]:
 
 def main(argv: Sequence[str] | None = None) -> None:
     """Command line: draws what was recorded, says what was not; exit status 2 when it cannot."""
-    parser = argparse.ArgumentParser(prog="python -m analysis.anatomy", description=__doc__)
-    parser.add_argument(
-        "--data", type=Path, default=grid.published(), help="holds a run folder per task"
-    )
-    parser.add_argument("--output", type=Path, help="a folder for the files; if not given, --data")
+    parser = command_line.over_the_grid("analysis.anatomy", __doc__)
     arguments = parser.parse_args(argv)
     for task in paper.TITLES:
         folder = arguments.data / task

@@ -3,7 +3,6 @@
 Run as `python -m analysis.claims`.
 """
 
-import argparse
 import dataclasses
 import json
 import math
@@ -13,7 +12,7 @@ from typing import Any
 
 import pandas as pd
 
-from analysis import grid
+from analysis import command_line, grid
 from analysis.evidence import ALPHA, LEAST_SEEDS, MARGIN, Claim, Evidence
 from analysis.files import write_atomically
 from analysis.learning_claims import CONSISTENT, STEPS_BAND, judge_learning
@@ -164,11 +163,7 @@ def write_claims(claims: Sequence[Claim], why: Mapping[str, str], output: Path) 
 
 def main(argv: Sequence[str] | None = None) -> None:
     """Command line: prints a row per claim and writes the files; exit status 2 when it cannot."""
-    parser = argparse.ArgumentParser(prog="python -m analysis.claims", description=__doc__)
-    parser.add_argument(
-        "--data", type=Path, default=grid.published(), help="holds a run folder per task"
-    )
-    parser.add_argument("--output", type=Path, help="a folder for the files; if not given, --data")
+    parser = command_line.over_the_grid("analysis.claims", __doc__)
     arguments = parser.parse_args(argv)
     try:
         claims, why = judge(arguments.data), read_why(arguments.data)

@@ -1,10 +1,12 @@
-"""The command line that the tables share."""
+"""The command lines that programs of this package share."""
 
 import argparse
 from collections.abc import Callable, Sequence
+from pathlib import Path
 
 import pandas as pd
 
+from analysis import grid
 from analysis.load import load
 
 
@@ -25,3 +27,13 @@ def table_of(
         return compute(load(arguments.paths))
     except (OSError, ValueError) as error:
         parser.error(str(error))
+
+
+def over_the_grid(program: str, description: str | None) -> argparse.ArgumentParser:
+    """A parser for what is made of published results: --data, and --output if that is elsewhere."""
+    parser = argparse.ArgumentParser(prog=f"python -m {program}", description=description)
+    parser.add_argument(
+        "--data", type=Path, default=grid.published(), help="holds a run folder per task"
+    )
+    parser.add_argument("--output", type=Path, help="a folder for the files; if not given, --data")
+    return parser

@@ -4,49 +4,15 @@ Samples are [seeds]; the seed is the unit throughout. Resampling and permuting s
 strata, the seeds of one agent on one task. Sources: scipy.stats.
 """
 
-import warnings
 from collections.abc import Callable, Sequence
 
 import numpy as np
 from scipy import stats
 
-from analysis.statistics import CONFIDENCE, RESAMPLES
-
-Bounds = tuple[float, float]
-NO_BOUNDS = (float("nan"), float("nan"))
+from analysis.statistics import CONFIDENCE, Bounds, bootstrap
 
 # Up to eight seeds against eight are permuted in every possible way, more at random.
 _PERMUTATIONS = 20_000
-
-
-def bootstrap(
-    samples: Sequence[np.ndarray], statistic: Callable[..., np.ndarray], random_state: int = 0
-) -> Bounds:
-    """95% interval of a statistic of one or several strata, each resampled on its own.
-
-    BCa, or percentiles where BCa is undefined. Where every resample gives the same value, both
-    ends are that value. A stratum of one seed says nothing about the spread of seeds: NaN.
-
-    Args:
-      samples: a [n] for each stratum.
-      statistic: as in scipy: takes the samples and `axis`, vectorised.
-    """
-    if not samples or min(map(len, samples)) < 2:
-        return NO_BOUNDS
-    for method in ("BCa", "percentile"):
-        with warnings.catch_warnings(action="ignore"):  # BCa warns where it is undefined
-            found = stats.bootstrap(
-                tuple(samples),
-                statistic,
-                n_resamples=RESAMPLES,
-                confidence_level=CONFIDENCE,
-                method=method,
-                vectorized=True,
-                rng=np.random.default_rng(random_state),
-            ).confidence_interval
-        if np.isfinite(found).all():
-            break
-    return float(found.low), float(found.high)
 
 
 def contrast(samples: Sequence[np.ndarray], weights: Sequence[float]) -> tuple[float, float, float]:

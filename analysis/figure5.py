@@ -3,7 +3,6 @@
 Run as `python -m analysis.figure5`.
 """
 
-import argparse
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
@@ -12,7 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
-from analysis import grid, paper, schema
+from analysis import command_line, grid, paper, schema
 from analysis.figure import DOTS_PER_INCH, label_periods, look, plot_success
 from analysis.files import write_atomically
 from analysis.statistics import n_label, success_per_period
@@ -119,11 +118,7 @@ def write_figure5(folder: Path, output: Path) -> list[Path]:
 
 def main(argv: Sequence[str] | None = None) -> None:
     """Command line: draws the figure, names panels without runs; exit status 2 when it cannot."""
-    parser = argparse.ArgumentParser(prog="python -m analysis.figure5", description=__doc__)
-    parser.add_argument(
-        "--data", type=Path, default=grid.published(), help="holds a run folder per task"
-    )
-    parser.add_argument("--output", type=Path, help="a folder for the files; if not given, --data")
+    parser = command_line.over_the_grid("analysis.figure5", __doc__)
     arguments = parser.parse_args(argv)
     try:
         paths = write_figure5(arguments.data, arguments.output or arguments.data)

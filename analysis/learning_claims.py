@@ -10,7 +10,7 @@ from scipy import stats
 from analysis import comparison, evidence, paper, schema
 from analysis.evidence import NOT_SUPPORTED, SUPPORTED, UNDECIDED, Claim, Evidence
 from analysis.speed_claims import Grid, beats_flat, deeper_is_faster
-from analysis.statistics import SOLVED, last_rows
+from analysis.statistics import SOLVED, bootstrap, last_rows
 
 CONSISTENT = 0.9
 """A seed solves its task above this success; an agent does so consistently if as many seeds do."""
@@ -90,7 +90,7 @@ def _steps_are_efficient(grid: Grid) -> Claim:
         evidence.judge_within(
             Evidence(
                 task, "any, converged", _STEPS, "ratio", (len(own),),
-                float(np.median(own)), *comparison.bootstrap([own], np.median),
+                float(np.median(own)), *bootstrap([own], np.median),
             ),
             *STEPS_BAND,
         )
@@ -101,7 +101,7 @@ def _steps_are_efficient(grid: Grid) -> Claim:
     headline = Evidence(
         evidence.named(ratios), "any, converged", f"mean of {_STEPS}", "ratio",
         (sum(map(len, samples)),),
-        float(_mean_of_medians(*samples)), *comparison.bootstrap(samples, _mean_of_medians),
+        float(_mean_of_medians(*samples)), *bootstrap(samples, _mean_of_medians),
     ) if samples else None  # fmt: skip
     return Claim(
         "d",

@@ -7,7 +7,7 @@ import pandas as pd
 
 from analysis import comparison, evidence, paper
 from analysis.evidence import Claim, Evidence
-from analysis.statistics import SOLVED
+from analysis.statistics import SOLVED, bootstrap
 
 Grid = Mapping[str, pd.DataFrame]  # results by task
 
@@ -102,7 +102,7 @@ def _compare(task: str, results: pd.DataFrame, new: int, old: int) -> tuple[Evid
         Evidence(task, agents, _AREA, "points", seeds, *gain, comparison.permutation_p(*pair)),
         Evidence(
             task, agents, _IMPROVEMENT, "share", seeds,
-            float(improvement(*pair)), *comparison.bootstrap(pair, improvement),
+            float(improvement(*pair)), *bootstrap(pair, improvement),
             comparison.rank_p(*pair),
         ),
         Evidence(

@@ -4,7 +4,7 @@ The seed is the unit throughout: a seed's success rate over its test episodes is
 """
 
 import warnings
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -15,6 +15,8 @@ from analysis import schema
 
 CONFIDENCE = 0.95
 RESAMPLES = 9999
+Bounds = tuple[float, float]
+NO_BOUNDS = (float("nan"), float("nan"))
 SOLVED = 0.8
 """Success rate from which a seed counts as having learnt its task."""
 
@@ -31,6 +33,36 @@ class Interval(NamedTuple):
     mean: float
     low: float
     high: float
+
+
+def bootstrap(
+    samples: Sequence[np.ndarray], statistic: Callable[..., np.ndarray], random_state: int = 0
+) -> Bounds:
+    """95% interval of a statistic of one or several strata, each resampled on its own.
+
+    BCa, or percentiles where BCa is undefined. Where every resample gives the same value, both
+    ends are that value. A stratum of one seed says nothing about the spread of seeds: NaN.
+
+    Args:
+      samples: a [n] for each stratum.
+      statistic: as in scipy: takes the samples and `axis`, vectorised.
+    """
+    if not samples or min(map(len, samples)) < 2:
+        return NO_BOUNDS
+    for method in ("BCa", "percentile"):
+        with warnings.catch_warnings(action="ignore"):  # BCa warns where it is undefined
+            found = stats.bootstrap(
+                tuple(samples),
+                statistic,
+                n_resamples=RESAMPLES,
+                confidence_level=CONFIDENCE,
+                method=method,
+                vectorized=True,
+                rng=np.random.default_rng(random_state),
+            ).confidence_interval
+        if np.isfinite(found).all():
+            break
+    return float(found.low), float(found.high)
 
 
 def mean_interval(values: Iterable[float], random_state: int = 0) -> Interval:
@@ -55,19 +87,7 @@ def mean_interval(values: Iterable[float], random_state: int = 0) -> Interval:
         return Interval(mean, np.nan, np.nan)
     if np.all(sample == sample[0]):
         return Interval(float(sample[0]), float(sample[0]), float(sample[0]))
-    for method in ("BCa", "percentile"):
-        with warnings.catch_warnings(action="ignore"):  # BCa warns where it is undefined
-            found = stats.bootstrap(
-                (sample,),
-                np.mean,
-                n_resamples=RESAMPLES,
-                confidence_level=CONFIDENCE,
-                method=method,
-                rng=np.random.default_rng(random_state),
-            ).confidence_interval
-        if np.isfinite(found).all():
-            break
-    return Interval(mean, float(found.low), float(found.high))
+    return Interval(mean, *bootstrap([sample], np.mean, random_state))
 
 
 def success_per_period(results: pd.DataFrame, random_state: int = 0) -> pd.DataFrame:

@@ -1,5 +1,7 @@
 """Adam over stacked parameters: one fused pass, with a seed's state in a seed's rows."""
 
+import copy
+
 import torch
 
 from hac_suite.networks import StackedMLP
@@ -30,8 +32,7 @@ class Adam:
 
     def of_seeds(self, start: int, stop: int, network: StackedMLP) -> "Adam":
         """The optimiser of some of the seeds, whose networks are given: the same memory."""
-        other = object.__new__(Adam)
-        other._rate = self._rate
+        other = copy.copy(self)
         other.first, other.second = self.first[start:stop], self.second[start:stop]
         other.steps = self.steps[start:stop]
         other._bind(network)

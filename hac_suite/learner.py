@@ -16,7 +16,7 @@ from hac_suite.networks import StackedMLP, in_whole_registers
 from hac_suite.replay import RowLayout
 from hac_suite.types import LevelSpec
 
-_TENTH = 10.0
+_AVERAGED_PART = 10.0  # a tested actor averages over about the last 1/10 of its updates, at first
 _CACHED_ROWS = 256  # of a batch, at a time, on a CPU
 
 
@@ -132,8 +132,7 @@ class Learner:
             self.target_actor.parameters.lerp_(self.actor.parameters, self._target_rate)
             self.target_critic.parameters.lerp_(self.critic.parameters, self._target_rate)
         if self._tested_rate:
-            # Over the last tenth of the updates so far, until that is as long as the rate says.
-            recent = _TENTH / (self.actor_optimiser.steps + _TENTH)
+            recent = _AVERAGED_PART / (self.actor_optimiser.steps + _AVERAGED_PART)
             share = recent.clamp_(min=self._tested_rate).unsqueeze(1)
             self.tested_actor.parameters.lerp_(self.actor.parameters, share)
 

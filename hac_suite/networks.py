@@ -7,6 +7,7 @@ weight matrix, and every layer's input has a last row of ones: one product then 
 and one product its gradient.
 """
 
+import copy
 from collections.abc import Callable, Sequence
 
 import torch
@@ -91,14 +92,12 @@ class StackedMLP:
         """Itself, or where it is on a GPU a copy of now, for environments to act with."""
         if self.parameters.device.type == "cpu":
             return self
-        copy = StackedMLP(len(self.parameters), (*self.sizes[:-1], self.outputs))
-        copy.parameters.copy_(self.parameters)
-        return copy
+        here = StackedMLP(len(self.parameters), (*self.sizes[:-1], self.outputs))
+        here.parameters.copy_(self.parameters)
+        return here
 
     def _like(self, parameters: torch.Tensor, gradient: torch.Tensor) -> "StackedMLP":
-        other = object.__new__(StackedMLP)
-        other.sizes, other.outputs, other._shapes = self.sizes, self.outputs, self._shapes
-        other._workspaces = self._workspaces
+        other = copy.copy(self)
         other._bind(parameters, gradient)
         return other
 

@@ -67,8 +67,8 @@ class Replay:
         self.capacity = capacity
         # Zeros, since a seed without a transition yet (all diverged) learns from a blank row; and
         # numpy's, whose pages take memory only once they are written.
-        self.rows = torch.from_numpy(np.zeros((seeds, capacity, layout.width), np.float32))
-        self.rows = self.rows.to(device)
+        rows = np.zeros((seeds, capacity, layout.width), np.float32)
+        self.rows = torch.from_numpy(rows).to(device)
         self.added = np.zeros(seeds, np.int64)
 
     @property
