@@ -5,7 +5,7 @@ from hac_suite.evaluation import EpisodeStats, run_episodes
 from hac_suite.hierarchy import StepView
 from hac_suite.policy import Policy
 from hac_suite.state import SeedState
-from hac_suite.training import DIAGNOSTICS, Boundary, PeriodResult, Progress, train
+from hac_suite.training import DIAGNOSTICS, Boundary, Lost, PeriodResult, Progress, train
 from hac_suite.types import VectorEnv
 
 __all__ = [
@@ -14,6 +14,7 @@ __all__ = [
     "Boundary",
     "Config",
     "EpisodeStats",
+    "Lost",
     "PeriodResult",
     "Policy",
     "Progress",

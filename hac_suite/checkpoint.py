@@ -33,7 +33,11 @@ class Checkpoint(NamedTuple):
 
 
 class Writer:
-    """Saves seeds that are trained together, and keeps each one's last two checkpoints."""
+    """Saves seeds that are trained together, and keeps each one's last two checkpoints.
+
+    Attributes:
+        last: training episodes of the newest checkpoint, None before the first.
+    """
 
     def __init__(
         self,
@@ -48,7 +52,7 @@ class Writer:
             train_episodes: of the checkpoints that the training goes on from.
         """
         self._folders, self._about = folders, about
-        self._last = train_episodes
+        self.last = train_episodes
 
     def save(self, states: Iterable[SeedState]) -> None:
         """Writes a checkpoint of every seed; returns once they are on the disk.
@@ -68,9 +72,9 @@ class Writer:
         episodes = described[0]["numbers"]["train_episodes"]
         for folder in self._folders:
             _prune(
-                folder, {_stem(number) for number in (episodes, self._last) if number is not None}
+                folder, {_stem(number) for number in (episodes, self.last) if number is not None}
             )
-        self._last = episodes
+        self.last = episodes
 
     def _write_tensors(self, states: Iterable[SeedState]) -> list[dict[str, Any]]:
         """Writes every seed's tensors; returns what their descriptions are to hold."""

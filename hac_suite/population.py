@@ -115,6 +115,19 @@ class Population:
                 for rows in replay.batches(chosen[:, start:stop], start):
                     learner.update(rows)
 
+    def broken(self) -> dict[int, int]:
+        """Which seeds (by index) have a weight that is no finite number, and their lowest level."""
+        found: dict[int, int] = {}
+        for level, learner in reversed(list(enumerate(self.learners))):
+            finite = [network.parameters.sum(1) for network in (learner.actor, learner.critic)]
+            lost = ~torch.isfinite(finite[0] + finite[1])
+            found.update(dict.fromkeys(lost.nonzero()[:, 0].tolist(), level))
+        return found
+
+    def updates(self, index: int, level: int) -> int:
+        """How many updates a level of one seed has had."""
+        return int(self.learners[level].actor_optimiser.steps[index])
+
     def diagnose(self, period: int) -> list[dict[str, list[float]]]:
         """Per level, per seed: what the critic and actor look like on replayed states."""
         found: list[dict[str, list[float]]] = []

@@ -1,7 +1,7 @@
 """The training loop: rounds of episodes and updates, and a test period every so often."""
 
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -35,8 +35,23 @@ class Boundary(NamedTuple):
     states: Callable[[], Iterator[SeedState]]  # of each seed, to be used before this returns
 
 
+class Lost(NamedTuple):
+    """A seed that has stopped: a weight of its networks is no longer a number."""
+
+    seed: int
+    level: int  # the lowest with such a weight
+    updates: int  # of that level, when it was found
+    train_episodes: int
+
+    def __str__(self) -> str:
+        return (
+            f"a weight of level {self.level} was no finite number after {self.updates} updates "
+            f"({self.train_episodes} training episodes)"
+        )
+
+
 class PeriodResult(NamedTuple):
-    """A test period of every seed."""
+    """A test period of every seed that is still in training."""
 
     period: int
     rows: list[dict[str, Any]]  # per seed, the columns of results.csv but for the task
@@ -55,6 +70,7 @@ def train(
     device: torch.device | str = "cpu",
     start: Iterable[SeedState] | None = None,
     on_boundary: Callable[[Boundary], None] | None = None,
+    on_lost: Callable[[Lost], None] | None = None,
 ) -> Iterator[PeriodResult]:
     """Trains one agent per seed; yields each test period, the untrained one (period 0) first.
 
@@ -69,6 +85,8 @@ def train(
             goes on from there, with the test period that comes next. Taken one by one, since
             they are large.
         on_boundary: called after each round and test period but the last.
+        on_lost: called for a seed whose weights are no longer finite, which stops it; the others
+            go on as if it had never been there. The training ends with its last seed.
 
     Raises:
         ValueError: seeds repeat, horizons do not match subgoal_layers, or `start` is not of these
@@ -81,7 +99,7 @@ def train(
     training = _Training(make_env, config, tuple(seeds), horizons, device)
     if start is not None:
         training.restore(start)
-    return training.run(periods, on_progress, on_boundary)
+    return training.run(periods, on_progress, on_boundary, on_lost)
 
 
 class _Training:
@@ -95,10 +113,16 @@ class _Training:
         horizons: tuple[int, ...],
         device: torch.device | str,
     ):
-        self._config, self._seeds, self._horizons = config, seeds, horizons
-        self._env = make_env(len(seeds) * config.episodes_per_round)
-        self._test_env = make_env(len(seeds) * config.test_episodes)
-        self._population = Population(self._env, config, horizons, seeds, device)
+        self._config, self._horizons = config, horizons
+        self._make_env, self._device = make_env, device
+        self._begin(seeds)
+
+    def _begin(self, seeds: tuple[int, ...]) -> None:
+        config = self._config
+        self._seeds = seeds
+        self._env = self._make_env(len(seeds) * config.episodes_per_round)
+        self._test_env = self._make_env(len(seeds) * config.test_episodes)
+        self._population = Population(self._env, config, self._horizons, seeds, self._device)
         self._test_seeds = self._episode_seeds(Purpose.TEST_EPISODE, 0, config.test_episodes)
         self._episodes = 0
         self._steps = np.zeros(len(seeds), np.int64)
@@ -159,12 +183,16 @@ class _Training:
         periods: int,
         on_progress: Callable[[Progress], None] | None,
         on_boundary: Callable[[Boundary], None] | None,
+        on_lost: Callable[[Lost], None] | None,
     ) -> Iterator[PeriodResult]:
         """Trains and tests from where it stands until `periods` are done."""
         per_period = self._config.episodes_per_period
         for period in range(len(self._rows[0]), periods + 1):
             while self._episodes < period * per_period:
                 self._train_round()
+                broken = self._population.broken()
+                if broken and not self._go_on_without(broken, on_lost):
+                    return
                 if on_progress:
                     success = float(np.mean([rows[-1]["success_rate"] for rows in self._rows]))
                     on_progress(Progress(self._episodes, periods * per_period, success))
@@ -190,6 +218,20 @@ class _Training:
         self._episodes += config.episodes_per_round
         self._steps += run.steps.reshape(len(self._seeds), -1).sum(1)
         self._tally.add(run, config)
+
+    def _go_on_without(
+        self, broken: Mapping[int, int], on_lost: Callable[[Lost], None] | None
+    ) -> bool:
+        """Becomes the training of the other seeds, if there are any; `broken`: levels by index."""
+        for index, level in broken.items():
+            updates = self._population.updates(index, level)
+            if on_lost:
+                on_lost(Lost(self._seeds[index], level, updates, self._episodes))
+        kept = [state for index, state in enumerate(self.states()) if index not in broken]
+        if kept:
+            self._begin(tuple(state.numbers["seed"] for state in kept))
+            self.restore(kept)
+        return bool(kept)
 
     def _test(self, period: int) -> PeriodResult:
         population = self._population

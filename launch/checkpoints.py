@@ -143,20 +143,30 @@ class Saver:
         warn: Callable[[str], None],
     ) -> None:
         """`start` is the training episode that the seeds go on from, 0 for a new run."""
-        self._folders = [folder.checkpoint(run.agent.subgoal_layers, seed) for seed in seeds]
+        layers = run.agent.subgoal_layers
+        self._run = run
+        self._folders = {seed: folder.checkpoint(layers, seed) for seed in seeds}
         self._start, self._warn = start, warn
-        about = [run.about(seed) for seed in seeds]
-        self._writer = checkpoint.Writer(self._folders, about, start or None)
+        self._writer = self._new_writer(start or None)
         self._saved = time.monotonic()
         self._cost = 0.0  # seconds that the last checkpoint took
         self._stopping = False
         self._warned = False
 
+    def _new_writer(self, last: int | None) -> checkpoint.Writer:
+        about = [self._run.about(seed) for seed in self._folders]
+        return checkpoint.Writer(list(self._folders.values()), about, last)
+
+    def leave_out(self, seed: int) -> None:
+        """Saves this seed no more; its checkpoints stay as they are."""
+        del self._folders[seed]
+        self._writer = self._new_writer(self._writer.last)
+
     def states(self) -> Iterator[hac_suite.SeedState] | None:
         """The states to go on from, read one by one; None for a new run."""
         if not self._start:
             return None
-        return (checkpoint.load(folder, self._start) for folder in self._folders)
+        return (checkpoint.load(folder, self._start) for folder in self._folders.values())
 
     def stop(self, *_) -> None:
         """Ends the process at the next boundary, with a checkpoint. A signal handler."""

@@ -19,6 +19,7 @@ def again(
     plan = plans[task]
     run = checkpoints.Run(job.agent, plan.horizons[subgoal_layers], plan.config)
     folder = recorder.folders[task]
+    job = job._replace(seeds=recorder.unfailed(job))
     found = checkpoints.standings(folder, run, job.seeds, plan.periods, say)
     recorder.add(job, [row for seed in sorted(found) for row in found[seed].rows])
     if len(found) < len(job.seeds):

@@ -15,7 +15,7 @@ from launch.execution import Failed, Finished, Lost, Started
 from launch.planning import Job
 from launch.progress import Board
 from launch.run_folder import RunFolder
-from launch.training import Tested, Warned
+from launch.training import SeedFailed, Tested, Warned
 
 if TYPE_CHECKING:
     from launch import scalars
@@ -27,7 +27,7 @@ class Recorder:
     """The run folders of a launch while it trains.
 
     Attributes:
-      failures: why each failed job failed.
+      failures: why each failed job failed, or each seed of its own.
     """
 
     def __init__(
@@ -91,13 +91,17 @@ class Recorder:
             self._tested(board, job, message)
         elif isinstance(message, Warned):
             self._console.print(f"warning: {job.agent}: {message.text}", soft_wrap=True)
+        elif isinstance(message, SeedFailed):
+            self._seed_failed(job, message)
         elif isinstance(message, Lost):
             self._console.print(
                 f"warning: {job.agent}: lost with its machine ({message.reason})", soft_wrap=True
             )
         elif isinstance(message, Finished):
-            board.ended(job, "done")
-            self._finished(job, message)
+            seeds = self.unfailed(job)
+            board.ended(job, "done" if seeds else "failed")
+            if seeds:
+                self._finished(job._replace(seeds=seeds), message, self._periods[job])
         elif isinstance(message, Failed):
             board.ended(job, "failed")
             self._failed(job, message)
@@ -139,13 +143,17 @@ class Recorder:
             with self._warning_of_scalars(folder.task):
                 self._scalars[folder.task].add(rows)
 
-    def _finished(self, job: Job, message: Finished) -> None:
+    def unfailed(self, job: Job) -> tuple[int, ...]:
+        """The job's seeds, but for those that failed alone."""
+        return tuple(s for s in job.seeds if job._replace(seeds=(s,)) not in self.failures)
+
+    def _finished(self, job: Job, message: Finished, periods: int) -> None:
         task, subgoal_layers = job.agent
         record = {
             "subgoal_layers": subgoal_layers,
             "seeds": list(job.seeds),
             "from_episode": job.start,
-            "periods": self._periods[job],
+            "periods": periods,
             "seconds": round(message.seconds, 1),
         }
         # Not before now: until its last rows are in the file, a run can be needed again.
@@ -153,14 +161,23 @@ class Recorder:
         self.manifests[task]["jobs"].append(record)
         manifest.write(self.folders[task].manifest, self.manifests[task])
 
+    def _seed_failed(self, job: Job, message: SeedFailed) -> None:
+        alone = job._replace(seeds=(message.seed,))
+        with contextlib.suppress(OSError):
+            self.folders[job.agent.task].note_failure(alone, message.reason)
+        self._add_failure(alone, message.reason)
+
     def _failed(self, job: Job, message: Failed) -> None:
+        self.folders[job.agent.task].keep_failure(job)
+        self._add_failure(job, message.reason)
+
+    def _add_failure(self, job: Job, reason: str) -> None:
         task, subgoal_layers = job.agent
-        self.failures[job] = message.reason
-        self.folders[task].keep_failure(job)
+        self.failures[job] = reason
         record = {
             "subgoal_layers": subgoal_layers,
             "seeds": list(job.seeds),
-            "reason": message.reason,
+            "reason": reason,
         }
         self.manifests[task]["failures"].append(record)
         with contextlib.suppress(OSError):  # a full disk failed it, and fails this: others go on

@@ -156,6 +156,11 @@ class RunFolder:
             results.rewrite(self.results, [*kept, *tested])
         return dropped
 
+    def note_failure(self, job: Job, reason: str) -> None:
+        """Keeps why a job failed whose worker goes on."""
+        self.failures.mkdir(exist_ok=True)
+        self.failure(job).write_text(f"{reason}\n", encoding="utf-8")
+
     def keep_failure(self, job: Job) -> Path:
         """Keeps what a failed worker printed, its traceback at the end; returns the file."""
         self.failures.mkdir(exist_ok=True)

@@ -30,6 +30,13 @@ class Warned(NamedTuple):
     text: str
 
 
+class SeedFailed(NamedTuple):
+    """One of the job's seeds cannot go on; the others do."""
+
+    seed: int
+    reason: str
+
+
 class Plan(NamedTuple):
     """What the jobs of one task have in common."""
 
@@ -41,7 +48,9 @@ class Plan(NamedTuple):
 
 
 def train_job(job: Job, send: Send, *, plans: Mapping[str, Plan]) -> None:
-    """Trains the job's seeds on from where they stand; sends Progress, Tested and Warned messages.
+    """Trains the job's seeds on from where they stand.
+
+    Sends Progress, Tested, Warned and SeedFailed messages.
 
     The last period's policies are on the disk before its rows are sent: a seed with all its rows
     has its policy. SIGTERM ends it at the next round, with a checkpoint.
@@ -58,6 +67,11 @@ def train_job(job: Job, send: Send, *, plans: Mapping[str, Plan]) -> None:
         warn=lambda text: send(Warned(text)),
     )
     signal.signal(signal.SIGTERM, saver.stop)
+
+    def lose(lost: hac_suite.Lost) -> None:
+        saver.leave_out(lost.seed)
+        send(SeedFailed(lost.seed, str(lost)))
+
     results = hac_suite.train(
         functools.partial(tasks.load_vector, task),
         plan.config,
@@ -69,6 +83,7 @@ def train_job(job: Job, send: Send, *, plans: Mapping[str, Plan]) -> None:
         device=plan.device,
         start=saver.states(),
         on_boundary=saver.at_boundary,
+        on_lost=lose,
     )
     for result in results:
         rows = [{"task": task, **row} for row in result.rows]
@@ -79,7 +94,8 @@ def train_job(job: Job, send: Send, *, plans: Mapping[str, Plan]) -> None:
 
 def _save(job: Job, policies: Sequence[hac_suite.Policy], rows: list[dict], plan: Plan) -> None:
     folder = RunFolder(plan.out, job.agent.task)
-    for seed, policy, row in zip(job.seeds, policies, rows, strict=True):
+    for policy, row in zip(policies, rows, strict=True):
+        seed = int(row["seed"])
         metadata = {
             "task": job.agent.task,
             "subgoal_layers": job.agent.subgoal_layers,
