@@ -1,8 +1,10 @@
 """What a worker does with a job: trains its population, saves its policies, sends its rows."""
 
 import functools
+import math
 import os
 import signal
+import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
@@ -15,6 +17,8 @@ from launch import checkpoints, settings
 from launch.execution import Send
 from launch.planning import Job
 from launch.run_folder import POLICY_SUFFIXES, RunFolder
+
+_SECONDS_BETWEEN_MESSAGES = 1.0
 
 
 class Tested(NamedTuple):
@@ -79,7 +83,7 @@ def train_job(job: Job, send: Send, *, plans: Mapping[str, Plan]) -> None:
         subgoal_layers=subgoal_layers,
         horizons=plan.horizons[subgoal_layers],
         periods=plan.periods,
-        on_progress=send,
+        on_progress=_now_and_then(send),
         device=plan.device,
         start=saver.states(),
         on_boundary=saver.at_boundary,
@@ -90,6 +94,19 @@ def train_job(job: Job, send: Send, *, plans: Mapping[str, Plan]) -> None:
         if result.period == plan.periods:
             _save(job, result.policies, rows, plan)
         send(Tested(result.period, rows))
+
+
+def _now_and_then(send: Send) -> Send:
+    """Passes on one message a second at most: on a cluster, hundreds of jobs send to one place."""
+    sent = -math.inf
+
+    def pass_on(message: object) -> None:
+        nonlocal sent
+        if time.monotonic() - sent >= _SECONDS_BETWEEN_MESSAGES:
+            sent = time.monotonic()
+            send(message)
+
+    return pass_on
 
 
 def _save(job: Job, policies: Sequence[hac_suite.Policy], rows: list[dict], plan: Plan) -> None:

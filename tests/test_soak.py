@@ -52,7 +52,9 @@ def test_steps_leave_nothing_behind(name):
     for step in range(steps):
         if step and step % env.max_steps == 0:
             env.reset(np.arange(step, step + n))
-        env.step(random.uniform(env.action_low, env.action_high, (n, len(env.action_low))), everyone)
+        env.step(
+            random.uniform(env.action_low, env.action_high, (n, len(env.action_low))), everyone
+        )
         if step == steps // 4:
             before = memory(), open_files()
     assert memory() - before[0] < _MOST_GROWTH

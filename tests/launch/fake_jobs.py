@@ -109,3 +109,10 @@ def kill_ray_process_at_start(job: Job, send) -> None:
     if job.agent.task == "always" or not job.start:
         os.kill(os.getppid(), signal.SIGKILL)
         time.sleep(600)
+
+
+def save_for_ever(job: Job, send) -> None:
+    """Is not done with saving within any grace."""
+    signal.signal(signal.SIGTERM, lambda *_: time.sleep(600))
+    send("training")
+    time.sleep(600)

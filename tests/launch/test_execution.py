@@ -2,9 +2,12 @@
 
 import os
 import signal
+import subprocess
+import sys
 import threading
 import time
 from collections import defaultdict
+from pathlib import Path
 
 import pytest
 
@@ -69,3 +72,33 @@ def test_a_signal_ends_the_workers(tmp_path, number):
     assert time.monotonic() - start < 60
     assert jobs[1] not in messages
     assert signal.getsignal(number) == before
+
+
+def test_a_second_signal_quits_at_once(tmp_path):
+    """The first waits for workers to save, and this one takes a minute to."""
+    script = (
+        "import pathlib, sys; from launch.execution import StopSignal, execute\n"
+        "from launch.planning import Agent, Job; from tests.launch import fake_jobs\n"
+        "if __name__ == '__main__':\n"
+        "    with StopSignal() as stop:\n"
+        "        execute([Job(Agent('saves', 0), (0,))], fake_jobs.save_for_ever, workers=1,\n"
+        "                log=lambda job: pathlib.Path(sys.argv[1]), stop=stop,\n"
+        "                on_message=lambda _, m: print(m, flush=True), on_poll=lambda: None)\n"
+    )
+    (tmp_path / "launch_one.py").write_text(script)
+    words = [sys.executable, str(tmp_path / "launch_one.py"), str(tmp_path / "log")]
+    root = Path(__file__).parents[2]
+    with subprocess.Popen(
+        words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+        env={**os.environ, "PYTHONPATH": str(root)},
+    ) as process:  # fmt: skip
+        while "training" not in process.stdout.readline():
+            pass
+        process.send_signal(signal.SIGINT)
+        assert "once more quits at once" in process.stderr.readline() + process.stderr.readline()
+        time.sleep(1.0)
+        assert process.poll() is None
+        start = time.monotonic()
+        process.send_signal(signal.SIGINT)
+        assert process.wait(30) == -signal.SIGINT
+        assert time.monotonic() - start < 20
