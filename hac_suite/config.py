@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+from collections.abc import Mapping
 from typing import Literal
 
 # Sources: "text" is the preprint; R18 and R20 are the authors' releases of July 2018 and May 2020;
@@ -133,17 +134,24 @@ RELEASE_2020 = dataclasses.replace(
 PRESETS = {"paper": PAPER, "release_2018": RELEASE_2018, "release_2020": RELEASE_2020}
 
 
-def horizons(max_steps: int, subgoal_layers: int) -> tuple[int, ...]:
+def horizons(
+    max_steps: int, subgoal_layers: int, own: Mapping[int, tuple[int, ...]] | None = None
+) -> tuple[int, ...]:
     """Attempts (T_0, ..., T_n) of each level: the least equal T_i whose product spans `max_steps`.
 
     The paper uses one T for all levels (Section 3.2). The agent without subgoal layers gets the
     whole horizon.
+
+    Args:
+        own: a task's own attempts, by number of subgoal layers; they take the place of equal ones.
 
     Raises:
         ValueError: a negative number of subgoal layers.
     """
     if subgoal_layers < 0:
         raise ValueError(f"subgoal_layers is {subgoal_layers}; it must be zero or more.")
+    if own and subgoal_layers in own:
+        return own[subgoal_layers]
     levels = subgoal_layers + 1
     attempts = max(1, round(max_steps ** (1 / levels)))
     while attempts**levels < max_steps:

@@ -183,7 +183,7 @@ class _Training:
         periods: int,
         on_progress: Callable[[Progress], None] | None,
         on_boundary: Callable[[Boundary], None] | None,
-        on_lost: Callable[[Lost], None] | None,
+        on_lost: Callable[[Lost], None] | None = None,
     ) -> Iterator[PeriodResult]:
         """Trains and tests from where it stands until `periods` are done."""
         per_period = self._config.episodes_per_period

@@ -111,22 +111,26 @@ def _manifest(folder: RunFolder, request: Request) -> manifest.Manifest:
     Raises:
       CommandError: the folder holds runs of another configuration.
     """
-    max_steps = _max_steps(folder.task)
+    max_steps, own = _horizon(folder.task)
     wanted = manifest.new(folder.task, max_steps, settings.as_json(request.config))
+    wanted["horizons"] = {
+        str(layers): list(hac_suite.horizons(max_steps, layers, own))
+        for layers in request.subgoal_layers
+    }
     found = manifest.read(folder.manifest)
-    if found is not None:
-        manifest.check_same(folder.manifest, found, wanted)
-    merged = found or wanted
-    for layers in request.subgoal_layers:
-        merged["horizons"][str(layers)] = list(hac_suite.horizons(max_steps, layers))
-    return merged
+    if found is None:
+        return wanted
+    manifest.check_same(folder.manifest, found, wanted)
+    found["horizons"].update(wanted["horizons"])
+    return found
 
 
 @functools.cache
-def _max_steps(task: str) -> int:
+def _horizon(task: str) -> tuple[int, dict[int, tuple[int, ...]]]:
+    """A task's control steps, and the attempts of its own that it has for some agents."""
     env = tasks.load_vector(task, 1)
     env.close()
-    return env.max_steps
+    return env.max_steps, env.horizons
 
 
 def _train(

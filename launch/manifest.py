@@ -104,6 +104,11 @@ def check_same(path: Path, manifest: Manifest, wanted: Manifest) -> None:
 def _pairs(manifest: Manifest, wanted: Manifest) -> list[tuple[str, Any, Any]]:
     old, new = manifest["config"], wanted["config"]
     pairs = [(name, old.get(name), new.get(name)) for name in sorted({*old, *new})]
+    pairs += [
+        (f"horizons with {layers} subgoal layer(s)", manifest["horizons"][layers], attempts)
+        for layers, attempts in wanted["horizons"].items()
+        if layers in manifest["horizons"]
+    ]
     return [*pairs, ("max_steps", manifest["max_steps"], wanted["max_steps"])]
 
 

@@ -27,7 +27,7 @@ def main(argv: list[str]) -> int:
         return 1
 
 
-def _set_environment() -> None:
+def set_environment() -> None:
     """Sets what numpy, torch and mujoco read when they are imported, here and in the workers."""
     os.environ["MUJOCO_GL"] = "disabled"  # training never renders
     for library in ("OMP", "MKL", "OPENBLAS"):  # many processes of one thread beat few of many
@@ -36,5 +36,5 @@ def _set_environment() -> None:
 
 if __name__ == "__main__":
     sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
-    _set_environment()
+    set_environment()
     sys.exit(main(sys.argv))

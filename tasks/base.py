@@ -2,7 +2,7 @@
 
 import abc
 import collections
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 import numpy.typing as npt
@@ -45,6 +45,7 @@ class GoalTask(composer.Task):
         markers: Sequence[markers_lib.Marker],
         control_timestep: float,
         max_steps: int,
+        horizons: Mapping[int, tuple[int, ...]] | None = None,
         test: bool = False,
     ):
         """Initialises the task; bodies other than markers are already in the arena.
@@ -57,6 +58,8 @@ class GoalTask(composer.Task):
           markers: goal and subgoal markers, which are attached to the arena here.
           control_timestep: seconds between actions, a multiple of the physics timestep.
           max_steps: control steps after which an episode is cut off.
+          horizons: by number of subgoal layers, the attempts (T_0, ..., T_n) that suit this task
+            better than equal ones.
           test: whether episodes begin from the test starts rather than the training starts.
         """
         self._arena = arena
@@ -64,6 +67,7 @@ class GoalTask(composer.Task):
         self.subgoal_space = subgoal_space
         self.observation_scale = np.asarray(observation_scale, dtype=np.float64)
         self.max_steps = max_steps
+        self.horizons = dict(horizons or {})
         self._test = test
         self._step_count = 0
         self._goal = np.zeros(goal_space.dim)

@@ -24,6 +24,7 @@ from tasks.robots import worm
 
 _CONTROL_TIMESTEP = 0.015  # seconds
 _MAX_STEPS = 300  # control steps
+_HORIZONS = {1: (30, 10)}  # T_0 and T_1; the paper has one T for all levels (Section 3.2)
 
 _ROD_LENGTH = 0.25  # metres, as in rod.xml
 _ROD_RADIUS = 0.024  # metres, as in rod.xml
@@ -41,6 +42,9 @@ _GOAL_DISTANCE = 0.3  # metres at least between the rod's start and its goal
 _THRESHOLD = 0.07  # metres, in every dimension of the rod's place
 # A gripper subgoal at the rod's top end, reached within this in x and z, is one that attaches.
 _GRIPPER_THRESHOLD = 0.05  # metres; 0.05 * sqrt(2) < _ATTACH_DISTANCE
+# Two bends of the arm bring the gripper to a place, and one of them may be a dead end: the shoulder
+# at its limit. A subgoal says which.
+_ELBOW_THRESHOLD = 0.5  # radians
 _TOP = worm.BASE_HEIGHT + worm.REACH  # metres, the highest that the gripper gets
 _HANGING = np.array([0.0, -_ROD_LENGTH / 2])  # x, z from the rod's top end to its centre
 # A rod standing on the floor has its centre at 0.125 m; one dragged along it gets lower.
@@ -55,11 +59,13 @@ _GOAL_SPACE = goal_space.GoalSpace(
 )
 
 _SUBGOAL_SPACE = goal_space.GoalSpace(
-    names=("gripper_x", "gripper_z", *_GOAL_SPACE.names),
-    units=("m", "m", *_GOAL_SPACE.units),
-    low=np.array([-worm.REACH, 0.0, *_ROD_LOW]),
-    high=np.array([worm.REACH, _TOP, *_ROD_HIGH]),
-    threshold=np.array([_GRIPPER_THRESHOLD, _GRIPPER_THRESHOLD, _THRESHOLD, _THRESHOLD]),
+    names=("gripper_x", "gripper_z", *_GOAL_SPACE.names, "elbow"),
+    units=("m", "m", *_GOAL_SPACE.units, "rad"),
+    low=np.array([-worm.REACH, 0.0, *_ROD_LOW, -worm.ELBOW_LIMIT]),
+    high=np.array([worm.REACH, _TOP, *_ROD_HIGH, worm.ELBOW_LIMIT]),
+    threshold=np.array(
+        [_GRIPPER_THRESHOLD, _GRIPPER_THRESHOLD, _THRESHOLD, _THRESHOLD, _ELBOW_THRESHOLD]
+    ),
 )
 
 
@@ -131,6 +137,7 @@ class PickPlace(base.GoalTask):
             markers=[self._goal_marker, *(m for pair in self._subgoal_markers for m in pair)],
             control_timestep=_CONTROL_TIMESTEP,
             max_steps=_MAX_STEPS,
+            horizons=_HORIZONS,
             test=test,
         )
 
@@ -143,7 +150,7 @@ class PickPlace(base.GoalTask):
         return readings[..., _COLUMNS.rod]
 
     def achieved_subgoal(self, readings):
-        return readings[..., _COLUMNS.gripper + _COLUMNS.rod]
+        return readings[..., _COLUMNS.gripper + _COLUMNS.rod + _COLUMNS.joints[1:]]
 
     def event_mask(self, readings):
         """Where the gripper gets hold of the rod."""

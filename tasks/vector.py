@@ -63,6 +63,7 @@ class VectorEnv:
         self._closed = False
         self._task: base.GoalTask = environment.task
         self.max_steps = self._task.max_steps
+        self.horizons = self._task.horizons
         self.control_timestep = self._task.control_timestep
         self.goal_space = self._task.goal_space
         self.subgoal_space = self._task.subgoal_space

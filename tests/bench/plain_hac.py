@@ -57,7 +57,7 @@ class _Agent:
         self._meter = Meter()
         self._env = self._meter.watch(whole_horizon(tasks.load_vector(task, 1)))
         self._config = dataclasses.replace(config, episodes_per_round=1)
-        self._horizons = hac_suite.horizons(self._env.max_steps, subgoal_layers)
+        self._horizons = hac_suite.horizons(self._env.max_steps, subgoal_layers, self._env.horizons)
         self._specs = level_specs(self._env, self._horizons)
         torch.manual_seed(seed)
         self._levels = [

@@ -36,8 +36,9 @@ class Training:
             env = tasks.load_vector(task, num_envs)
             return whole_horizon(env) if unreachable else env
 
-        self.max_steps = tasks.load_vector(task, 1).max_steps
-        horizons = hac_suite.horizons(self.max_steps, subgoal_layers)
+        env = tasks.load_vector(task, 1)
+        self.max_steps = env.max_steps
+        horizons = hac_suite.horizons(self.max_steps, subgoal_layers, env.horizons)
         self._training = _Training(make_env, config, tuple(seeds), horizons, "cpu")
         self.config = config
         self.episodes = 0

@@ -46,6 +46,12 @@ def test_default_horizons_span_the_episode(max_steps, layers, expected):
     assert horizons(max_steps, layers) == expected
 
 
+def test_a_tasks_own_horizons_take_the_place_of_equal_ones():
+    own = {1: (30, 10)}
+    assert [horizons(300, layers, own) for layers in (0, 1)] == [(300,), (30, 10)]
+    assert horizons(300, 2, own) == horizons(300, 2)
+
+
 def test_negative_layers_are_refused():
     with pytest.raises(ValueError, match="subgoal_layers"):
         horizons(100, -1)

@@ -45,7 +45,7 @@ def tiny_task(monkeypatch: pytest.MonkeyPatch) -> None:
         return PointEnv(num_envs, max_steps=MAX_STEPS)
 
     monkeypatch.setattr(tasks, "load_vector", load_vector)
-    monkeypatch.setattr(experiment, "_max_steps", lambda task: MAX_STEPS)
+    monkeypatch.setattr(experiment, "_horizon", lambda task: (MAX_STEPS, {}))
     in_one_process(monkeypatch)
     monkeypatch.setattr(checkpoints, "MOST_SECONDS_BETWEEN", 0.0)
     monkeypatch.setattr(checkpoints, "MOST_SHARE", math.inf)

@@ -251,6 +251,10 @@ def test_another_configuration_is_refused_naming_what_differs(tmp_path):
     manifest.check_same(tmp_path / "manifest.json", old, dict(old))
     with pytest.raises(CommandError, match=r"\(discount is 0.98 there and 0.9 here\)"):
         manifest.check_same(tmp_path / "manifest.json", old, new)
+    old["horizons"], new = {"1": [20, 20]}, {**old, "horizons": {"1": [40, 10], "2": [8, 8, 8]}}
+    differs = r"\(horizons with 1 subgoal layer\(s\) is \[20, 20\] there and \[40, 10\] here\)"
+    with pytest.raises(CommandError, match=differs):
+        manifest.check_same(tmp_path / "manifest.json", old, new)
 
 
 @pytest.mark.parametrize("text", ["{", "[]", "{}", '{"config": 1}'])

@@ -1,0 +1,185 @@
+"""What each choice of HAC is worth: agents with one choice changed, beside those of the paper.
+
+Run as `python -m analysis.ablations`; `launch/ablate.py` trains what it compares.
+"""
+
+import argparse
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import PercentFormatter
+
+from analysis import paper
+from analysis.figure import DOTS_PER_INCH
+from analysis.files import write_atomically
+from analysis.load import NoResults, load
+from analysis.statistics import bootstrap, episodes_to, mean_interval
+
+FOLDER = Path(__file__).parent / "data" / "ablations"
+NAME = "ablations"
+REFERENCE = "paper"
+LABELS = {
+    REFERENCE: "as in the paper",
+    "release_2018": "choices of the 2018 release",
+    "release_2020": "choices of the 2020 release",
+    "no_subgoal_tests": "no subgoal testing",
+    "no_hindsight_actions": "no hindsight actions",
+    "no_hindsight_goals": "no hindsight goals",
+    "penalise_cut_short": "penalty for attempts cut short",
+}
+_AGENT = ["task", "subgoal_layers", "variant"]
+_NOTHING = "{folder}: holds results of no variant; `python launch/ablate.py` makes some"
+_COLOUR, _GREY = "#1558c0", "#777777"
+
+
+def load_variants(folder: Path) -> pd.DataFrame:
+    """All results in `<folder>/<variant>/<task>/`, with a column `variant`.
+
+    Raises:
+      ValueError: there are none, or as `analysis.load.load`.
+    """
+    found = []
+    for results in sorted(Path(folder).glob("*/*/results.csv")):
+        try:
+            table = load(results.parent)
+        except NoResults:
+            continue
+        found.append(table.assign(variant=results.parent.parent.name))
+    if not found:
+        raise ValueError(_NOTHING.format(folder=folder))
+    return pd.concat(found, ignore_index=True)
+
+
+def compare(results: pd.DataFrame) -> pd.DataFrame:
+    """A row per task, agent and variant, those of the paper first.
+
+    Returns:
+      `n` seeds; `final` success at the last period and `area`, the mean success of all trained
+      periods (the area under the curve), each with `_low` and `_high`, its 95% interval over
+      seeds; `difference` of the area from the paper's variant, with its interval;
+      `episodes_to_80`, the median seed's.
+    """
+    rows = []
+    for (task, layers), of_agent in results.groupby(["task", "subgoal_layers"]):
+        last = of_agent["period"].max()
+        reference = _areas(of_agent[of_agent["variant"] == REFERENCE])
+        for variant in sorted(of_agent["variant"].unique(), key=_place):
+            own = of_agent[of_agent["variant"] == variant]
+            areas, final = _areas(own), own.loc[own["period"] == last, "success_rate"]
+            reached = episodes_to(own)["median_episodes"].iloc[0]
+            row = {"task": task, "subgoal_layers": layers, "variant": variant, "n": len(areas)}
+            for name, sample in (("final", final.to_numpy()), ("area", areas)):
+                interval = mean_interval(sample) if len(sample) else (np.nan,) * 3
+                row |= dict(zip((name, f"{name}_low", f"{name}_high"), interval, strict=True))
+            row |= _difference(areas, reference, is_reference=variant == REFERENCE)
+            rows.append({**row, "episodes_to_80": reached})
+    return pd.DataFrame(rows)
+
+
+def _place(variant: str) -> tuple[int, str]:
+    order = list(LABELS)
+    return (order.index(variant) if variant in order else len(order)), variant
+
+
+def _areas(results: pd.DataFrame) -> np.ndarray:
+    trained = results[results["period"] > 0]
+    return trained.groupby("seed")["success_rate"].mean().to_numpy()
+
+
+def _difference(areas: np.ndarray, reference: np.ndarray, *, is_reference: bool) -> dict:
+    names = ("difference", "difference_low", "difference_high")
+    if is_reference or not len(reference) or not len(areas):
+        return dict.fromkeys(names, np.nan)
+
+    def difference(a: np.ndarray, b: np.ndarray, axis: int = -1) -> np.ndarray:
+        return a.mean(axis=axis) - b.mean(axis=axis)
+
+    value = float(areas.mean() - reference.mean())
+    return dict(zip(names, (value, *bootstrap([areas, reference], difference)), strict=True))
+
+
+def draw(table: pd.DataFrame) -> Figure:
+    """A panel per task and agent: the area under the curve of each variant, with its interval."""
+    panels = list(table.groupby(["task", "subgoal_layers"]))
+    most = max(len(own) for _, own in panels)
+    figure = Figure(figsize=(2.6 + 4.2 * len(panels), 1.6 + 0.42 * most))
+    figure.set_layout_engine("constrained", w_pad=0.08, h_pad=0.08)
+    axes = figure.subplots(1, len(panels), squeeze=False, sharey=True)[0]
+    variants = sorted(table["variant"].unique(), key=_place)
+    for ax, ((task, layers), own) in zip(axes, panels, strict=True):
+        _plot(ax, own.set_index("variant"), variants)
+        counts = ", ".join(sorted({f"n={n}" for n in own["n"]}))
+        ax.set_title(f"{paper.title(task)}\n{paper.agent_name(layers)}, {counts}", size="medium")
+    axes[0].set_yticks(range(len(variants)), [LABELS.get(name, name) for name in variants])
+    axes[0].invert_yaxis()
+    return figure
+
+
+def _plot(ax: Axes, own: pd.DataFrame, variants: Sequence[str]) -> None:
+    for y, variant in enumerate(variants):
+        if variant not in own.index:
+            ax.text(0.5, y, "not run", ha="center", va="center", color=_GREY, size="small")
+            continue
+        row = own.loc[variant]
+        ax.plot([row["area_low"], row["area_high"]], [y, y], color=_COLOUR, linewidth=2)
+        ax.plot(row["area"], y, "o", color=_COLOUR, label="mean of all trained periods")
+        ax.plot(row["final"], y, "|", color=_GREY, markersize=12, label="last period")
+    if REFERENCE in own.index:
+        ax.axvline(own.loc[REFERENCE, "area"], color=_COLOUR, alpha=0.25, linewidth=1)
+    handles, labels = ax.get_legend_handles_labels()
+    unique = dict(zip(labels, handles, strict=True))
+    ax.legend(unique.values(), unique.keys(), loc="best", fontsize="x-small", framealpha=0.85)
+    ax.set_xlim(-0.03, 1.03)
+    ax.xaxis.set_major_formatter(PercentFormatter(1.0))
+    ax.set_xlabel("end goals achieved in tests")
+    ax.grid(axis="x", alpha=0.25, linewidth=0.6)
+    ax.spines[["top", "right"]].set_visible(False)
+
+
+def as_text(table: pd.DataFrame) -> str:
+    """The comparison as a table in Markdown."""
+    head = "| task | layers | variant | n | last period | mean of all periods | minus the paper's |"
+    lines = [head + " episodes to 80% |", "|---" * 8 + "|"]
+    for row in table.itertuples():
+        last = _share(row.final, row.final_low, row.final_high)
+        area = _share(row.area, row.area_low, row.area_high)
+        less = "-"
+        if not pd.isna(row.difference):
+            low, high = 100 * row.difference_low, 100 * row.difference_high
+            less = f"{100 * row.difference:+.0f} [{low:+.0f}, {high:+.0f}]"
+        reached = "-" if pd.isna(row.episodes_to_80) else f"{row.episodes_to_80:.0f}"
+        cells = (row.task, row.subgoal_layers, LABELS.get(row.variant, row.variant), row.n)
+        lines.append(f"| {' | '.join(map(str, (*cells, last, area, less, reached)))} |")
+    return "\n".join(lines)
+
+
+def _share(mean: float, low: float, high: float) -> str:
+    interval = "" if pd.isna(low) else f" [{100 * low:.0f}, {100 * high:.0f}]"
+    return "-" if pd.isna(mean) else f"{mean:.0%}{interval}"
+
+
+def main(argv: Sequence[str] | None = None) -> None:
+    """Command line: writes figure and numbers, prints the table; exit status 2 when it cannot."""
+    parser = argparse.ArgumentParser(prog="python -m analysis.ablations", description=__doc__)
+    parser.add_argument("--data", type=Path, default=FOLDER, help="holds VARIANT/TASK/results.csv")
+    parser.add_argument("--output", type=Path, help="a folder for the files; if not given, --data")
+    arguments = parser.parse_args(argv)
+    try:
+        table = compare(load_variants(arguments.data))
+        output = arguments.output or arguments.data
+        output.mkdir(parents=True, exist_ok=True)
+        png, csv = output / f"{NAME}.png", output / f"{NAME}.csv"
+        figure = draw(table)
+        write_atomically(png, lambda path: figure.savefig(path, format="png", dpi=DOTS_PER_INCH))
+        write_atomically(csv, lambda path: table.to_csv(path, index=False))
+    except (OSError, ValueError) as error:
+        parser.error(str(error))
+    print(as_text(table), png, csv, sep="\n")
+
+
+if __name__ == "__main__":
+    main()
