@@ -19,6 +19,8 @@ _HELP = """Renders test episodes of a trained policy into a file; opens no windo
 
   python launch/play.py --task=pick_place --subgoal_layers=1 --output=video.mp4
 
+Without a run of your own it plays the published policy of the task.
+
 Flags:
 {flags}
 
@@ -50,7 +52,9 @@ def _flags() -> flags.FlagValues:
     values = flags.FlagValues()
     flags.DEFINE_string("task", "pick_place", "which task", values)
     flag_parsing.define_count(values, "subgoal_layers", 2, "which agent", least=0)
-    flags.DEFINE_string("run", None, "run folder; if not given, runs/TASK", values)
+    flags.DEFINE_string(
+        "run", None, "run folder; if not given, runs/TASK, or published policies", values
+    )
     flag_parsing.define_count(
         values,
         "seed",
@@ -70,10 +74,14 @@ def _choose(values: flags.FlagValues) -> tuple[list[Path], Path]:
         raise CommandError(f"flag --output={output}: its name ends in .mp4 or .png")
     if values.task not in tasks.ALL:
         raise CommandError(unknown("task", values.task, tasks.ALL))
-    run = Path("runs", values.task) if values.run is None else Path(values.run)
-    chosen = policies.choose(run, values.subgoal_layers, values.seed)
+    where = Path("runs", values.task) if values.run is None else Path(values.run)
+    found = policies.find(where / "policies")
+    if values.run is None and not found and (published := policies.published(values.task)):
+        found, where = published, policies.PUBLISHED
+        print(f"{Path('runs', values.task)} holds no policies: playing the published one")
+    chosen = policies.choose(found, where, values.subgoal_layers, values.seed)
     if (values.run is None or values["task"].present) and chosen[0].task != values.task:
-        raise CommandError(f"flag --task={values.task}: {run} holds policies of {chosen[0].task}")
+        raise CommandError(f"flag --task={values.task}: {where} holds policies of {chosen[0].task}")
     return [policy.path for policy in chosen], output
 
 

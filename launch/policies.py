@@ -8,6 +8,9 @@ from typing import Any, NamedTuple
 
 from launch.errors import CommandError
 
+PUBLISHED = Path(__file__).resolve().parent.parent / "assets" / "policies"
+"""The best seed of each task and agent of the published grid."""
+
 
 class Found(NamedTuple):
     """A policy's file, and what it says of itself."""
@@ -65,16 +68,30 @@ def typical(own: Sequence[Found]) -> list[Found]:
     return [median, *(policy for policy in reversed(ranked) if policy.success_rate > 0)]
 
 
-def choose(run: Path, subgoal_layers: int, seed: int | None) -> list[Found]:
-    """The policies of an agent in a run folder, in the order to show them; of one seed if given.
+def best(own: Sequence[Found]) -> Found:
+    """The policy of the highest test success; of the first of such seeds."""
+    return max(own, key=lambda policy: (policy.success_rate, -policy.seed))
+
+
+def published(task: str) -> list[Found]:
+    """The published policies of a task, by agent."""
+    return [policy for policy in find(PUBLISHED) if policy.task == task]
+
+
+def choose(
+    found: Sequence[Found], where: Path, subgoal_layers: int, seed: int | None
+) -> list[Found]:
+    """An agent's policies among those found, in the order to show them; of one seed if given.
+
+    Args:
+      where: they were found, for messages.
 
     Raises:
-      CommandError: there is none, the message says what is; or a description is damaged.
+      CommandError: there is none, the message says what is.
     """
-    found = find(run / "policies")
     if not found:
         raise CommandError(
-            f"{run} holds no policies; train some with `python launch/run.py --task=TASK`"
+            f"{where} holds no policies; train some with `python launch/run.py --task=TASK`"
         )
     own = [
         policy
@@ -83,7 +100,7 @@ def choose(run: Path, subgoal_layers: int, seed: int | None) -> list[Found]:
     ]
     if not own:
         wanted = f"{subgoal_layers} subgoal layers" + ("" if seed is None else f", seed {seed}")
-        raise CommandError(f"{run} has no policy of {wanted}; it has {_listed(found)}")
+        raise CommandError(f"{where} has no policy of {wanted}; it has {_listed(found)}")
     return typical(own)
 
 

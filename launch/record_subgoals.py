@@ -25,6 +25,8 @@ from launch.subgoal_log import Replay, replay
 
 SUBGOALS_FILE, ANATOMY_FILE = "subgoals.csv", "anatomy.json"
 
+EPISODES = 32  # of each policy
+
 _HIGH = 2  # levels from here on propose subgoals to a level that proposes subgoals itself
 _DIGITS = 3  # millimetres
 # Observed quantities that a claim about the task's subgoals needs beside positions.
@@ -70,7 +72,7 @@ def _flags() -> flags.FlagValues:
     flags.DEFINE_string("task", "pick_place", "which task", values)
     flags.DEFINE_string("policies", None, "their folder; if not given, runs/TASK/policies", values)
     flags.DEFINE_string("output", None, "folder for the files; if not given, runs/TASK", values)
-    flag_parsing.define_count(values, "episodes", 32, "test episodes of each policy", least=1)
+    flag_parsing.define_count(values, "episodes", EPISODES, "test episodes of each policy", least=1)
     return values
 
 

@@ -69,7 +69,8 @@ def played() -> Played:
         weights = random.normal(scale=30, size=(len(env.observation_scale) + goals, outputs))
         return lambda o, g: np.sin(np.hstack([o / env.observation_scale, g]) @ weights)
 
-    actors = [actor(4, 2), actor(4, 4), actor(2, 4)]
+    dim = space.dim
+    actors = [actor(dim, 2), actor(dim, dim), actor(env.goal_space.dim, dim)]
     log = subgoal_log.SubgoalLog(env, HORIZONS)
     return Played(log, _run(env, actors, log), actors, space)
 
@@ -129,7 +130,7 @@ def test_a_diverged_episode_cuts_its_subgoals_short(monkeypatch, played):
 
     monkeypatch.setattr(tasks.VectorEnv, "step", breaks)
     env = tasks.load_vector(TASK, 2)
-    anywhere = dataclasses.replace(env.subgoal_space, threshold=np.full(4, 99.0))
+    anywhere = dataclasses.replace(env.subgoal_space, threshold=np.full(env.subgoal_space.dim, 99.0))
     env.subgoal_space = anywhere  # also where the episode broke down
     log = subgoal_log.SubgoalLog(env, HORIZONS)
     _run(env, played.actors, log)
@@ -154,14 +155,15 @@ def test_the_command_writes_what_the_analysis_reads(folder, tmp_path, capsys):
     assert [e["subgoal_layers"] for e in anatomy["episodes"]] == [0, LAYERS]
     flat, deep = anatomy["episodes"]
     assert not flat["subgoals"] and {s["level"] for s in deep["subgoals"]} == {1, 2}
-    assert len(anatomy["subgoal_space"]["names"]) == len(deep["path"][0]) == 4
+    assert len(anatomy["subgoal_space"]["names"]) == len(deep["path"][0]) == 5
 
 
 def test_attached_is_read_where_it_is_observed():
     column = record_subgoals._condition_columns(TASK)["attached"]
     env = tasks.load_vector(TASK, 64)
     held = env.reset(np.arange(64)).observation[:, column]  # half of the training starts hold it
-    gripper, rod = np.split(env.reset(np.arange(64)).achieved_subgoal, 2, axis=-1)
+    achieved = env.reset(np.arange(64)).achieved_subgoal
+    gripper, rod = achieved[:, 0:2], achieved[:, 2:4]
     np.testing.assert_array_equal(held, np.linalg.norm(gripper - rod, axis=-1) < 0.1251)
     assert 10 < held.sum() < 54
 

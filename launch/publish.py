@@ -1,0 +1,107 @@
+"""Publishes a finished run folder: `python launch/publish.py --task=pick_place`."""
+
+import os
+import shutil
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from absl import flags
+
+if __name__ == "__main__":
+    sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
+    os.environ["MUJOCO_GL"] = "disabled"
+
+import tasks
+from analysis import grid
+from analysis.figure import write_figure
+from launch import flag_parsing, policies, record_subgoals, run_states
+from launch.errors import CommandError, unknown
+from launch.run_folder import POLICY_SUFFIXES, RunFolder
+
+_HELP = """Puts a finished run folder where the analysis and play.py look for published results.
+
+  python launch/publish.py --task=pick_place
+
+copies results.csv, figure.csv, figure.png and manifest.json to analysis/data/grid/TASK, replays the
+policies to record their subgoals there, and copies the best seed's policy of each agent to
+assets/policies. A run that has failed for good is shown by the manifest and by the smaller n.
+
+Flags:
+{flags}
+
+Exit status: 0 done; 2 the command was wrong, or the folder's runs are not finished."""
+
+
+def main(argv: Sequence[str]) -> int:
+    """Carries out a command; returns the exit status that --help states."""
+    values = _flags()
+    try:
+        flag_parsing.parse(values, argv)
+        if values.task not in tasks.ALL:
+            raise CommandError(unknown("task", values.task, tasks.ALL))
+        folder = RunFolder(Path(values.runs).absolute(), values.task)
+        for path in publish(folder, Path(values.data), Path(values.policies)):
+            print(os.path.relpath(path))
+    except flag_parsing.HelpRequested:
+        print(_HELP.format(flags=flag_parsing.describe(values)))
+    except CommandError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 2
+    return 0
+
+
+def _flags() -> flags.FlagValues:
+    values = flags.FlagValues()
+    flags.DEFINE_string("task", "pick_place", "which task", values)
+    flags.DEFINE_string("runs", "runs", "holds the task's run folder", values)
+    flags.DEFINE_string("data", os.path.relpath(grid.FOLDER), "holds published results", values)
+    flags.DEFINE_string(
+        "policies", os.path.relpath(policies.PUBLISHED), "holds published policies", values
+    )
+    return values
+
+
+def publish(folder: RunFolder, data: Path, chosen: Path) -> list[Path]:
+    """Publishes a run folder; returns what was written.
+
+    Raises:
+      CommandError: some of its runs are neither done nor failed, or it is no run folder.
+    """
+    states = run_states.read(folder.path)
+    open_runs = [run for run in states.runs if run.state not in ("done", "failed")]
+    if open_runs or not states.runs:
+        raise CommandError(
+            f"{folder.path}: {len(open_runs)} of its {len(states.runs)} runs are not finished; "
+            "the command that began them goes on with them"
+        )
+    found = policies.find(folder.policies)
+    write_figure(folder.path)
+    output = data / folder.task
+    output.mkdir(parents=True, exist_ok=True)
+    written = [
+        Path(shutil.copy(file, output))
+        for file in (folder.results, folder.path / "figure.csv", folder.figure, folder.manifest)
+    ]
+    written += record_subgoals.record(found, output, record_subgoals.EPISODES)
+    return written + _publish_policies(folder.task, found, chosen)
+
+
+def _publish_policies(task: str, found: Sequence[policies.Found], chosen: Path) -> list[Path]:
+    """Copies the best seed of each agent; those of earlier runs go."""
+    chosen.mkdir(parents=True, exist_ok=True)
+    for earlier in policies.find(chosen):
+        if earlier.task == task:
+            for suffix in POLICY_SUFFIXES:
+                earlier.path.with_name(earlier.path.name + suffix).unlink()
+    written = []
+    for layers in sorted({policy.subgoal_layers for policy in found}):
+        best = policies.best([policy for policy in found if policy.subgoal_layers == layers])
+        for suffix in POLICY_SUFFIXES:
+            source = best.path.with_name(best.path.name + suffix)
+            written.append(Path(shutil.copy(source, chosen)))
+    return written
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv))
