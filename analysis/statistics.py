@@ -17,6 +17,8 @@ CONFIDENCE = 0.95
 RESAMPLES = 9999
 Bounds = tuple[float, float]
 NO_BOUNDS = (float("nan"), float("nan"))
+SAME_JOB_SECONDS = 0.1
+"""Seeds trained side by side are tested at the same time, to this accuracy."""
 SOLVED = 0.8
 """Success rate from which a seed counts as having learnt its task."""
 
@@ -162,6 +164,17 @@ def episodes_to(results: pd.DataFrame, success_rate: float = SOLVED) -> pd.DataF
 def last_rows(results: pd.DataFrame) -> pd.DataFrame:
     """The last test period of each task, agent and seed, whichever that is."""
     return results.loc[results.groupby([*_AGENT, "seed"])["period"].idxmax()]
+
+
+def core_minutes(results: pd.DataFrame) -> pd.Series:
+    """Minutes that all seeds took, by task and subgoal layers, as if their jobs had run in turn.
+
+    Seeds whose last tests ended within a moment of each other were trained in one process.
+    """
+    last = last_rows(results).sort_values("wall_seconds")
+    apart = last.groupby(_AGENT)["wall_seconds"].diff().fillna(np.inf) > SAME_JOB_SECONDS
+    job = apart.groupby([last[column] for column in _AGENT]).cumsum()
+    return last.groupby([*_AGENT, job])["wall_seconds"].max().groupby(level=_AGENT).sum() / 60
 
 
 def n_label(counts: Iterable[int]) -> str:

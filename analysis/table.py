@@ -9,7 +9,7 @@ import pandas as pd
 
 from analysis.command_line import table_of
 from analysis.paper import STEPS_TO_GOAL
-from analysis.statistics import SOLVED, final_success
+from analysis.statistics import SOLVED, core_minutes, final_success
 
 HEADINGS = (
     "task",
@@ -21,6 +21,7 @@ HEADINGS = (
     f"episodes to {SOLVED:.0%}",
     "steps",
     "paper",
+    "core-minutes",
 )
 
 
@@ -28,8 +29,10 @@ def tabulate(results: pd.DataFrame) -> pd.DataFrame:
     """A row per task and agent, as text under `HEADINGS`; a dash where there is nothing to say.
 
     Success is the mean over seeds at the last test period; steps are the median over seeds of the
-    mean steps to goal, beside the paper's count.
+    mean steps to goal, beside the paper's count. Core-minutes are what training and testing all
+    seeds took: seeds that were trained side by side, in one process, count once.
     """
+    minutes = core_minutes(results)
     rows = [
         (
             agent.task,
@@ -41,6 +44,7 @@ def tabulate(results: pd.DataFrame) -> pd.DataFrame:
             _whole(agent.episodes_to_80),
             _whole(agent.median_steps),
             _whole(STEPS_TO_GOAL.get(agent.task)),
+            f"{minutes[agent.task, agent.subgoal_layers]:.1f}",
         )
         for agent in final_success(results).itertuples()
     ]

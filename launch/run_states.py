@@ -9,14 +9,13 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from analysis.statistics import SAME_JOB_SECONDS
 from launch import manifest, results
 from launch.errors import CommandError
 from launch.planning import Agent, Job
 from launch.run_folder import RunFolder
 
 STATES = ("done", "running", "waiting", "stopped", "failed")
-
-_SAME_JOB_SECONDS = 0.1  # seeds trained together are tested at the same time, to this accuracy
 
 
 class RunState(NamedTuple):
@@ -206,7 +205,7 @@ def _jobs(runs: Iterable[RunState]) -> list[list[RunState]]:
     for run in sorted(runs, key=lambda run: (run.subgoal_layers, run.period or 0, run.seconds)):
         last = jobs[-1][-1] if jobs else None
         same = last and (last.subgoal_layers, last.period) == (run.subgoal_layers, run.period)
-        if last and same and run.seconds - last.seconds < _SAME_JOB_SECONDS:
+        if last and same and run.seconds - last.seconds < SAME_JOB_SECONDS:
             jobs[-1].append(run)
         else:
             jobs.append([run])

@@ -6,6 +6,7 @@ import pytest
 
 from analysis import schema
 from analysis.statistics import (
+    core_minutes,
     episodes_to,
     final_success,
     last_rows,
@@ -147,3 +148,9 @@ def test_last_rows_are_each_seeds_own(make_results):
 def test_n_label():
     assert n_label([10, 10]) == "n=10"
     assert n_label(pd.Series([8, 10, 9])) == "n=8-10"
+
+
+def test_seeds_that_were_trained_side_by_side_count_once(make_results):
+    results = make_results({0: [[0, 0]] * 4, 1: [[0, 0]]})
+    results["wall_seconds"] = [1, 60, 1, 60.05, 1, 90, 1, 120, 1, 30]  # three jobs, and one
+    assert core_minutes(results).tolist() == pytest.approx([(60.05 + 90 + 120) / 60, 0.5])

@@ -130,7 +130,9 @@ def test_a_diverged_episode_cuts_its_subgoals_short(monkeypatch, played):
 
     monkeypatch.setattr(tasks.VectorEnv, "step", breaks)
     env = tasks.load_vector(TASK, 2)
-    anywhere = dataclasses.replace(env.subgoal_space, threshold=np.full(env.subgoal_space.dim, 99.0))
+    anywhere = dataclasses.replace(
+        env.subgoal_space, threshold=np.full(env.subgoal_space.dim, 99.0)
+    )
     env.subgoal_space = anywhere  # also where the episode broke down
     log = subgoal_log.SubgoalLog(env, HORIZONS)
     _run(env, played.actors, log)
