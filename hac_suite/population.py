@@ -119,8 +119,9 @@ class Population:
         """Which seeds (by index) have a weight that is no finite number, and their lowest level."""
         found: dict[int, int] = {}
         for level, learner in reversed(list(enumerate(self.learners))):
-            finite = [network.parameters.sum(1) for network in (learner.actor, learner.critic)]
-            lost = ~torch.isfinite(finite[0] + finite[1])
+            # NaN and infinity survive being summed.
+            total = learner.actor.parameters.sum(1) + learner.critic.parameters.sum(1)
+            lost = ~torch.isfinite(total)
             found.update(dict.fromkeys(lost.nonzero()[:, 0].tolist(), level))
         return found
 
