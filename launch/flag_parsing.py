@@ -1,6 +1,7 @@
 """absl flags with answers fit for a person: one line, the closest name, no traceback."""
 
-from collections.abc import Sequence
+import sys
+from collections.abc import Callable, Sequence
 from typing import Any
 
 from absl import flags
@@ -53,6 +54,29 @@ def parse(values: flags.FlagValues, argv: Sequence[str]) -> None:
         raise CommandError(str(error).splitlines()[0]) from error
     if extra:
         raise CommandError(f"unexpected word {extra[0]!r}: flags are typed like --task=pick_place")
+
+
+def carry_out(
+    values: flags.FlagValues, argv: Sequence[str], help_text: str, work: Callable[[], None]
+) -> int:
+    """What a program of one step does: reads its flags, works, and answers what goes wrong.
+
+    Args:
+      help_text: what --help prints, with `{flags}` for their descriptions.
+      work: called once `values` are read; raises CommandError.
+
+    Returns:
+      The exit status: 0, or 2 after a wrong command.
+    """
+    try:
+        parse(values, argv)
+        work()
+    except HelpRequested:
+        print(help_text.format(flags=describe(values)))
+    except CommandError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 2
+    return 0
 
 
 def describe(values: flags.FlagValues) -> str:

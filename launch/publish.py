@@ -36,19 +36,15 @@ Exit status: 0 done; 2 the command was wrong, or the folder's runs are not finis
 def main(argv: Sequence[str]) -> int:
     """Carries out a command; returns the exit status that --help states."""
     values = _flags()
-    try:
-        flag_parsing.parse(values, argv)
-        if values.task not in tasks.ALL:
-            raise CommandError(unknown("task", values.task, tasks.ALL))
-        folder = RunFolder(Path(values.runs).absolute(), values.task)
-        for path in publish(folder, Path(values.data), Path(values.policies)):
-            print(os.path.relpath(path))
-    except flag_parsing.HelpRequested:
-        print(_HELP.format(flags=flag_parsing.describe(values)))
-    except CommandError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 2
-    return 0
+    return flag_parsing.carry_out(values, argv, _HELP, lambda: _publish(values))
+
+
+def _publish(values: flags.FlagValues) -> None:
+    if values.task not in tasks.ALL:
+        raise CommandError(unknown("task", values.task, tasks.ALL))
+    folder = RunFolder(Path(values.runs).absolute(), values.task)
+    for path in publish(folder, Path(values.data), Path(values.policies)):
+        print(os.path.relpath(path))
 
 
 def _flags() -> flags.FlagValues:

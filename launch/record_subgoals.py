@@ -47,24 +47,20 @@ Exit status: 0 the files are written; 2 the command was wrong."""
 def main(argv: Sequence[str]) -> int:
     """Carries out a command; returns the exit status that --help states."""
     values = _flags()
-    try:
-        flag_parsing.parse(values, argv)
-        if values.task not in tasks.ALL:
-            raise CommandError(unknown("task", values.task, tasks.ALL))
-        run = Path("runs", values.task)
-        folder = run / "policies" if values.policies is None else Path(values.policies)
-        found = [policy for policy in policies.find(folder) if policy.task == values.task]
-        if not found:
-            raise CommandError(f"{folder} holds no policies of {values.task}")
-        output = run if values.output is None else Path(values.output)
-        for path in record(found, output, values.episodes):
-            print(path)
-    except flag_parsing.HelpRequested:
-        print(_HELP.format(flags=flag_parsing.describe(values)))
-    except CommandError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 2
-    return 0
+    return flag_parsing.carry_out(values, argv, _HELP, lambda: _record(values))
+
+
+def _record(values: flags.FlagValues) -> None:
+    if values.task not in tasks.ALL:
+        raise CommandError(unknown("task", values.task, tasks.ALL))
+    run = Path("runs", values.task)
+    folder = run / "policies" if values.policies is None else Path(values.policies)
+    found = [policy for policy in policies.find(folder) if policy.task == values.task]
+    if not found:
+        raise CommandError(f"{folder} holds no policies of {values.task}")
+    output = run if values.output is None else Path(values.output)
+    for path in record(found, output, values.episodes):
+        print(path)
 
 
 def _flags() -> flags.FlagValues:
