@@ -5,6 +5,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pandas as pd
 import pytest
 
 import hac_suite
@@ -22,7 +23,7 @@ def run(folder: Path, *words: str) -> subprocess.CompletedProcess:
 def experiment(tmp_path_factory) -> Path:
     """A folder in which a small experiment was run; what that printed is in it."""
     folder = tmp_path_factory.mktemp("elsewhere")
-    done = run(folder, *SMALL, "--novideo")
+    done = run(folder, *SMALL, "--novideo", "--workers=2")
     (folder / "stdout").write_text(done.stdout)
     (folder / "stderr").write_text(done.stderr)
     assert done.returncode == 0, done.stderr
@@ -54,6 +55,18 @@ def test_a_small_experiment_from_another_folder(experiment):
         "manifest.json", "results.csv", "figure.png", "figure.csv", "report.html", "policies",
         "videos",
     }  # fmt: skip
+
+
+def test_one_worker_gives_what_two_give(experiment, tmp_path):
+    done = run(tmp_path, *SMALL, "--novideo", "--workers=1")
+    assert done.returncode == 0, done.stderr
+    two, one = (folder / "runs" / "ur5_reacher" for folder in (experiment, tmp_path))
+    jobs = [json.loads((folder / "manifest.json").read_text())["jobs"] for folder in (two, one)]
+    assert [sorted(job["seeds"] for job in own) for own in jobs] == [[[0], [1]], [[0, 1]]]
+    rows = [load(folder).drop(columns="wall_seconds") for folder in (two, one)]
+    pd.testing.assert_frame_equal(*rows)
+    for file in sorted((two / "policies").iterdir()):
+        assert file.read_bytes() == (one / "policies" / file.name).read_bytes(), file.name
 
 
 @pytest.mark.slow
