@@ -31,7 +31,6 @@ LABELS = {
     "no_hindsight_goals": "no hindsight goals",
     "penalise_cut_short": "penalty for attempts cut short",
 }
-_AGENT = ["task", "subgoal_layers", "variant"]
 _NOTHING = "{folder}: holds results of no variant; `python launch/ablate.py` makes some"
 _COLOUR, _GREY = "#1558c0", "#777777"
 
