@@ -24,6 +24,9 @@ _LONGER_RUN = (
 _NO_ROWS = (
     "{file} is no checkpoint of this version: its rows are not those of results.csv; remove it"
 )
+_OTHER_VERSIONS = (
+    "{agent}: interrupted with {versions}, and the rest may differ from what those would have given"
+)
 _RESULTS_DEPEND_ON = ("dm-control", "mujoco", "numpy", "torch")
 
 
@@ -54,14 +57,25 @@ class Run(NamedTuple):
 
 
 def standings(
-    folder: RunFolder, run: Run, seeds: Sequence[int], periods: int, say: Callable[[str], None]
+    folder: RunFolder,
+    run: Run,
+    seeds: Sequence[int],
+    periods: int,
+    say: Callable[[str], None],
+    *,
+    other_versions: bool,
 ) -> dict[int, Standing]:
     """Where those of the seeds stand that have a whole checkpoint; damaged ones are named.
 
+    Args:
+      other_versions: whether to go on, with a warning, from what other versions of the libraries
+        left.
+
     Raises:
-      CommandError: a checkpoint is of another run, or of one that was asked for more periods.
+      CommandError: a checkpoint is of another run, of one that was asked for more periods, or of
+        other versions that are not wanted.
     """
-    found, other_versions = {}, set[str]()
+    found, differing = {}, set[str]()
     for seed in seeds:
         file = folder.checkpoint(run.agent.subgoal_layers, seed)
         newest, complaints = checkpoint.newest(file)
@@ -73,7 +87,7 @@ def standings(
             continue
         if complaints:
             say(f"{run.agent}, seed {seed}: goes on from episode {newest.train_episodes}")
-        other_versions |= _check(file, newest, run.about(seed))
+        differing |= _check(file, newest, run.about(seed))
         rows = _rows(file, newest, run.agent, seed)
         if len(rows) > periods:
             raise CommandError(
@@ -86,11 +100,11 @@ def standings(
                 )
             )
         found[seed] = Standing(newest.train_episodes, rows)
-    if other_versions:
-        say(
-            f"warning: {run.agent}: interrupted with {', '.join(sorted(other_versions))}; the "
-            "rest may differ from what those would have given"
-        )
+    if differing:
+        message = _OTHER_VERSIONS.format(agent=run.agent, versions=", ".join(sorted(differing)))
+        if not other_versions:
+            raise CommandError(f"{message}; install those, or go on with --other_versions")
+        say(f"warning: {message}")
     return found
 
 

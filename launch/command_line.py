@@ -46,6 +46,7 @@ class Request(NamedTuple):
     workers: int  # 0: one for each core
     video: bool
     tensorboard: bool
+    other_versions: bool  # may go on from checkpoints of other versions of the libraries
     executor: str  # local or ray
     ray_address: str | None
     device: str
@@ -130,6 +131,12 @@ def _flags() -> flags.FlagValues:
     )
     flags.DEFINE_boolean("video", True, "render a video of each agent", values)
     flags.DEFINE_boolean("tensorboard", False, "write curves for TensorBoard as well", values)
+    flags.DEFINE_boolean(
+        "other_versions",
+        False,
+        "go on from checkpoints that other versions of MuJoCo, torch, ... left",
+        values,
+    )
     return values
 
 
@@ -146,6 +153,7 @@ def _request(values: flags.FlagValues, settings_given: ConfigDict) -> Request:
         workers=values.workers,
         video=values.video,
         tensorboard=values.tensorboard,
+        other_versions=values.other_versions,
         executor=values.executor,
         ray_address=values.ray_address,
         device="cpu" if values.executor == "ray" else _device(values.device),

@@ -98,7 +98,9 @@ def _lock(
             seeds = _unfinished(folder, layers, request)
             run = checkpoints.Run(agent, tuple(horizons[str(layers)]), request.config)
             say = functools.partial(console.print, soft_wrap=True)
-            found[agent] = checkpoints.standings(folder, run, seeds, request.periods, say)
+            found[agent] = checkpoints.standings(
+                folder, run, seeds, request.periods, say, other_versions=request.other_versions
+            )
     for folder in folders:
         if folder not in there:
             held.enter_context(folder.lock())

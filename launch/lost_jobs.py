@@ -20,7 +20,7 @@ def again(
     run = checkpoints.Run(job.agent, plan.horizons[subgoal_layers], plan.config)
     folder = recorder.folders[task]
     job = job._replace(seeds=recorder.unfailed(job))
-    found = checkpoints.standings(folder, run, job.seeds, plan.periods, say)
+    found = checkpoints.standings(folder, run, job.seeds, plan.periods, say, other_versions=True)
     recorder.add(job, [row for seed in sorted(found) for row in found[seed].rows])
     if len(found) < len(job.seeds):
         return job._replace(start=0)

@@ -171,14 +171,23 @@ def test_more_periods_go_on_from_the_checkpoint(tmp_path, tiny):
     assert outcome(tmp_path / "here") == outcome(tmp_path / "whole")
 
 
-def test_other_versions_are_named_in_one_line(tmp_path, tiny, monkeypatch):
+def test_other_versions_are_refused_in_one_line_unless_wanted(tmp_path, tiny, monkeypatch):
     interrupted(tmp_path / "here")
+    before = outcome(tmp_path / "here")
     versions = {**manifest.versions(), "torch": "2.99", "mujoco": "3.99", "pandas": "0"}
     monkeypatch.setattr(manifest, "versions", lambda: versions)
-    status, printed = live(tmp_path / "here", *WORDS)
-    (line,) = [line for line in printed.splitlines() if "warning" in line]
-    assert status == 0 and "torch" in line and "(here 2.99)" in line and "(here 3.99)" in line
-    assert "pandas" not in line  # only draws
+
+    def lived(start: str, *words: str) -> int:
+        status, printed = live(tmp_path / "here", *WORDS, *words)
+        (line,) = [line for line in printed.splitlines() if start in line]
+        assert "torch" in line and "(here 2.99)" in line and "(here 3.99)" in line
+        assert "pandas" not in line  # only draws
+        return status
+
+    assert lived("--other_versions") == 2
+    assert outcome(tmp_path / "here") == before
+    assert standings(tmp_path / "here") == dict.fromkeys(NAMES, 20)
+    assert lived("warning", "--other_versions") == 0
 
 
 def test_a_disk_that_fills_up_costs_checkpoints_and_a_warning(tmp_path, whole):
