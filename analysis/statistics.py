@@ -17,7 +17,7 @@ CONFIDENCE = 0.95
 RESAMPLES = 9999
 Bounds = tuple[float, float]
 NO_BOUNDS = (float("nan"), float("nan"))
-SAME_JOB_SECONDS = 0.1
+SAME_JOB_SECONDS = 0.2
 """Seeds trained side by side are tested at the same time, to this accuracy."""
 SOLVED = 0.8
 """Success rate from which a seed counts as having learnt its task."""

@@ -139,18 +139,21 @@ class _Training:
             [exploration.episode_seeds(seed, purpose, first, count) for seed in self._seeds]
         )
 
-    def _seconds(self, index: int) -> float:
-        return float(self._earlier[index] + time.monotonic() - self._started)
+    def _seconds(self) -> np.ndarray:
+        """How long each seed has been trained."""
+        return self._earlier + (time.monotonic() - self._started)
 
     def states(self) -> Iterator[SeedState]:
         """Of each seed, one after the other."""
+        # Read once: seeds that are trained side by side stand at one time.
+        seconds = self._seconds()
         for index, seed in enumerate(self._seeds):
             learnt = self._population.state(index)
             own = {
                 "seed": seed,
                 "train_episodes": self._episodes,
                 "train_steps": int(self._steps[index]),
-                "seconds": self._seconds(index),
+                "seconds": float(seconds[index]),
                 "tally": self._tally.state(index),
                 "rows": list(self._rows[index]),
             }
@@ -271,7 +274,7 @@ class _Training:
             "test_episodes": tests,
             "success_rate": float(success.mean()),
             "mean_steps_to_goal": float(steps[success].mean()) if success.any() else np.nan,
-            "wall_seconds": self._seconds(index),
+            "wall_seconds": float(self._seconds()[index]),
             "diverged_episodes": int(self._tally.diverged[index] + stats.diverged[own].sum()),
         }
         for level, measured in enumerate(diagnosed):

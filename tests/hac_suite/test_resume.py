@@ -143,6 +143,12 @@ def test_the_clock_goes_on(tmp_path):
     assert 1000 < results[0].rows[0]["wall_seconds"] <= after.numbers["seconds"] < 1100
 
 
+def test_seeds_of_one_checkpoint_stand_at_one_time(tmp_path):
+    """Statistics tell by it which seeds were trained side by side."""
+    states = stopped_at(3, tmp_path, 1)
+    assert len({state.numbers["seconds"] for state in states}) == 1 < len(states)
+
+
 def test_restoring_leaves_all_memory_in_place(tmp_path):
     """Views of some of the seeds, and captured graphs, point at it."""
     start = stopped_at(3, tmp_path, 1)
