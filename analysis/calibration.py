@@ -1,6 +1,6 @@
 """Are tasks as long as the paper's? Converged agents' steps to goal against its counts.
 
-Run as `python -m analysis.calibration analysis/data/*/results.csv` (or with run folders).
+Run as `python -m analysis.calibration analysis/data/grid/*/` (or with run folders).
 """
 
 from collections.abc import Sequence

@@ -1,6 +1,6 @@
 """Where every agent stands at the end, as a table.
 
-Run as `python -m analysis.table analysis/data/*/results.csv` (or with run folders).
+Run as `python -m analysis.table analysis/data/grid/*/` (or with run folders).
 """
 
 from collections.abc import Sequence

@@ -12,6 +12,9 @@ from tasks import assets, base, goal_space, markers, registry
 
 _CONTROL_TIMESTEP = 0.0175  # seconds
 _MAX_STEPS = 500  # control steps
+# T_0, T_1 and T_2; the paper has one T for all levels (Section 3.2). In 8 steps, the cube root of
+# the horizon, the cart can hardly change where the pole's tip goes.
+_HORIZONS = {2: (20, 8, 3)}
 
 _RAIL_HEIGHT = 1.2  # metres, as in cartpole.xml
 _RAIL_HALF_LENGTH = 1.8  # metres, as in cartpole.xml
@@ -23,9 +26,11 @@ _TRAINING_ANGLE, _TEST_ANGLE = (-0.75 * np.pi, 0.75 * np.pi), (-0.1, 0.1)  # rad
 _POSITION_THRESHOLD = 0.075  # metres
 _VELOCITY_THRESHOLD = 0.75  # rad/s
 _VELOCITY_BOUND = 10.0  # rad/s; the pole's free fall from upright reaches 7.7
-# The tip's height alone would leave the pole 22 degrees of tilt, and the cart 0.38 m to the side;
-# with the cart within this of the marker's foot, "below" means at most 10 degrees.
-_CART_THRESHOLD = 0.1  # metres
+_CART_HALF_WIDTH = 0.16  # metres, as in cartpole.xml
+_MARKER_HALF_WIDTH = 0.07  # metres
+# The tip's height alone would let the cart stand 0.38 m to the side of the marker. "Below" it means
+# that some of the cart is below some of the marker.
+_CART_THRESHOLD = _CART_HALF_WIDTH + _MARKER_HALF_WIDTH
 
 _TIP_BOUND = 2.0  # metres to either side; beyond lies nothing that helps
 
@@ -59,7 +64,9 @@ class Cartpole(base.GoalTask):
 
     def __init__(self, test: bool):
         """Initialises the task; `test` starts episodes hanging near the middle of the rail."""
-        self._goal_marker = markers.Marker("goal", "cube", markers.GOAL_RGBA, (0.07, 0.07, 0.07))
+        self._goal_marker = markers.Marker(
+            "goal", "cube", markers.GOAL_RGBA, (_MARKER_HALF_WIDTH,) * 3
+        )
         self._subgoal_markers = markers.subgoal_markers("sphere", (_MARKER_RADIUS,))
         super().__init__(
             _build_arena(),
@@ -69,6 +76,7 @@ class Cartpole(base.GoalTask):
             markers=[self._goal_marker, *self._subgoal_markers],
             control_timestep=_CONTROL_TIMESTEP,
             max_steps=_MAX_STEPS,
+            horizons=_HORIZONS,
             test=test,
         )
 
