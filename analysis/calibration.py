@@ -30,7 +30,7 @@ def calibrate(results: pd.DataFrame) -> pd.DataFrame:
         median = converged["mean_steps_to_goal"].median()
         steps = paper.STEPS_TO_GOAL.get(task, float("nan"))
         rows.append((task, len(converged), len(agents), median, steps, median / steps))
-    return pd.DataFrame(rows, columns=list(COLUMNS))
+    return paper.in_order(pd.DataFrame(rows, columns=list(COLUMNS)))
 
 
 def main(argv: Sequence[str] | None = None) -> None:

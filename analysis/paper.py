@@ -1,5 +1,7 @@
 """What the paper reports, to set our results beside: task titles and efficient step counts."""
 
+import pandas as pd
+
 TITLES = {
     "pendulum_climb": "Pendulum - Climb",
     "pendulum_balance": "Pendulum - Balance",
@@ -21,6 +23,12 @@ STEPS_TO_GOAL = {
 def title(task: str) -> str:
     """The task's name as in Figure 5; a task the paper lacks is named after itself."""
     return TITLES.get(task, task.replace("_", " ").capitalize())
+
+
+def in_order(table: pd.DataFrame) -> pd.DataFrame:
+    """The rows with their tasks as Figure 5 has them; tasks that the paper lacks come last."""
+    place = {task: index for index, task in enumerate(TITLES)}
+    return table.sort_values("task", key=lambda tasks: tasks.map(place), kind="stable")
 
 
 def agent_name(subgoal_layers: int) -> str:

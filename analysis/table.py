@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import pandas as pd
 
 from analysis.command_line import table_of
-from analysis.paper import STEPS_TO_GOAL
+from analysis.paper import STEPS_TO_GOAL, in_order
 from analysis.statistics import SOLVED, core_minutes, final_success
 
 HEADINGS = (
@@ -46,7 +46,7 @@ def tabulate(results: pd.DataFrame) -> pd.DataFrame:
             _whole(STEPS_TO_GOAL.get(agent.task)),
             f"{minutes[agent.task, agent.subgoal_layers]:.1f}",
         )
-        for agent in final_success(results).itertuples()
+        for agent in in_order(final_success(results)).itertuples()
     ]
     return pd.DataFrame(rows, columns=list(HEADINGS))
 

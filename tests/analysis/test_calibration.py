@@ -26,7 +26,7 @@ def test_agents_of_all_layers_count(make_results):
 
 def test_nothing_converged_and_unknown_tasks_give_no_ratio(make_run, capsys):
     paths = [make_run({1: [[0.0, 0.5]]}, task="ur5_reacher"), make_run({1: [[1.0]]}, task="stack")]
-    stack, reacher = calibrate(load(paths)).itertuples()
+    reacher, stack = calibrate(load(paths)).itertuples()  # tasks of the paper come first
     assert np.isnan(reacher.median_steps) and np.isnan(reacher.ratio)
     assert reacher.paper_steps == 60
     assert np.isnan(stack.ratio) and stack.median_steps == 110
@@ -40,8 +40,8 @@ def test_command_line_prints_a_row_per_task(make_run, capsys, tmp_path):
     main([str(path) for path in paths])
     header, *rows = capsys.readouterr().out.splitlines()
     assert header.split() == ["task", "converged", "seeds", "median_steps", "paper_steps", "ratio"]
-    assert rows[0].split() == ["pick_place", "1", "1", "132", "110", "1.20"]
-    assert rows[1].split() == ["ur5_reacher", "0", "1", "-", "60", "-"]
+    assert rows[0].split() == ["ur5_reacher", "0", "1", "-", "60", "-"]
+    assert rows[1].split() == ["pick_place", "1", "1", "132", "110", "1.20"]
     with pytest.raises(SystemExit) as stop:
         main([str(tmp_path / "none")])
     assert stop.value.code == 2

@@ -2,6 +2,7 @@
 
 import pytest
 
+from analysis.load import load
 from analysis.table import main, tabulate
 
 
@@ -16,6 +17,13 @@ def test_a_row_by_hand(make_results):
 def test_one_seed_has_no_interval_and_no_success_no_steps(make_results):
     (row,) = tabulate(make_results({0: [[0.0]]}, task="stack")).itertuples(index=False)
     assert row[4:9] == ("0.0%", "-", "-", "-", "-")
+
+
+def test_tasks_come_in_the_papers_order_and_others_last(make_run):
+    names = ["aardvark", "pick_place", "ur5_reacher"]
+    results = load([make_run({2: [[1.0]], 0: [[1.0]]}, task=name) for name in names])
+    shown = tabulate(results)[["task", "layers"]].to_numpy().tolist()
+    assert shown == [[name, layers] for name in reversed(names) for layers in "02"]
 
 
 def test_command_line_prints_markdown(make_run, capsys, tmp_path):
