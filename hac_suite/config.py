@@ -3,7 +3,7 @@
 import dataclasses
 import math
 from collections.abc import Mapping
-from typing import Literal
+from typing import Any, Literal
 
 # Sources: "text" is the preprint; R18 and R20 are the authors' releases of July 2018 and May 2020;
 # "ours" was measured on this project's tasks.
@@ -26,12 +26,17 @@ class Config:
     # -- Hindsight (Section 3.3)
     hindsight_actions: bool = True  # text; False stores the proposed subgoal even when missed
     hindsight_goals: int = 3  # "a few"; R18 and R20 take 3; 0 switches hindsight goals off
-    hindsight_relabels: Literal["preceding", "segment"] = "preceding"  # text; R20: whole segment
+    # What they count for: each segment, whose `preceding` (text) or all (`segment`, R20)
+    # transitions a picked state relabels; or each transition, which is relabelled by states of its
+    # `future` (Andrychowicz et al. 2017, k = 4), or, `pairs`, as many pairs of a transition and a
+    # later state of its segment, drawn uniformly (ours).
+    hindsight_relabels: Literal["preceding", "segment", "future", "pairs"] = "preceding"
     hindsight_pick_last: bool = False  # R18, R20: the segment's last state is always picked
     drop_held_hindsight: bool = True  # ours: a goal that held before the segment teaches nothing
 
     # -- Exploration
-    random_action_rate: float = 0.2  # R18, R20; the text's Gaussian alone does not learn
+    random_action_rate: float = 0.2  # level 0; R18, R20; the text's Gaussian alone fails
+    random_subgoal_rate: float = 0.2  # the levels above; R18, R20
     action_noise: float = 0.1  # standard deviation at level 0; R18, R20
     subgoal_noise: float = 0.1  # at the levels above; R18 0.1, R20 0.03-0.1
 
@@ -49,7 +54,9 @@ class Config:
     learning_rate: float = 1e-3  # Adam, actor and critic; R18, R20
     hidden_sizes: tuple[int, ...] = (64, 64, 64)  # R18, R20
     replay_capacity: int = 300_000  # transitions per level and seed; ours
-    bounded_critic: bool = True  # R20: -T_i * sigmoid, and targets clipped to [-T_i, 0]
+    bounded_critic: bool = True  # R20: -F * sigmoid, and targets clipped to [-F, 0]
+    # F: T_i (R20), or the least return that T_i attempts can have, (1 - g^T_i) / (1 - g) (ours).
+    critic_floor: Literal["attempts", "returns"] = "attempts"
     initial_q: float = -0.067  # R20: the bounded critic's optimistic start
     saturation_penalty: float = 1e-4  # ours: on the actor's squared output before the tanh
     target_rate: float = 0.05  # R18: Polyak; 0 learns from the online networks, as R20 does
@@ -68,12 +75,9 @@ class Config:
         self._require("hindsight_goals", self.hindsight_goals >= 0, "zero or more")
         self._require("learning_rate", 0 < self.learning_rate < math.inf, "above zero")
         self._require("initial_q", -1 < self.initial_q < 0, "between -1 and 0")
-        self._require("test_draw", self.test_draw in ("top", "each_level"), "top or each_level")
-        self._require(
-            "hindsight_relabels",
-            self.hindsight_relabels in ("preceding", "segment"),
-            "preceding or segment",
-        )
+        self._require_one_of("test_draw", "top", "each_level")
+        self._require_one_of("hindsight_relabels", "preceding", "segment", "future", "pairs")
+        self._require_one_of("critic_floor", "attempts", "returns")
         self._require(
             "hidden_sizes",
             len(self.hidden_sizes) > 0 and min(self.hidden_sizes) >= 2,
@@ -85,6 +89,9 @@ class Config:
             f"a multiple of episodes_per_round ({self.episodes_per_round})",
         )
 
+    def _require_one_of(self, name: str, *words: str) -> None:
+        self._require(name, getattr(self, name) in words, "one of " + ", ".join(words))
+
     def _require(self, name: str, holds: bool, wanted: str) -> None:
         if not holds:
             raise ValueError(f"{name} is {getattr(self, name)!r}; it must be {wanted}.")
@@ -93,6 +100,7 @@ class Config:
 _SHARES = (
     "subgoal_test_rate",
     "random_action_rate",
+    "random_subgoal_rate",
     "discount",
     "target_rate",
     "tested_actor_rate",
@@ -132,6 +140,20 @@ RELEASE_2020 = dataclasses.replace(
 )
 
 PRESETS = {"paper": PAPER, "release_2018": RELEASE_2018, "release_2020": RELEASE_2020}
+
+
+def completed(fields: Mapping[str, Any]) -> dict[str, Any]:
+    """The fields of a config as some version wrote it, and those that it did not have yet.
+
+    A field has the value that stood for it before it existed, whatever its default is today.
+    """
+    before = dict(_BEFORE)
+    if "random_action_rate" in fields:  # it stood for all levels
+        before["random_subgoal_rate"] = fields["random_action_rate"]
+    return {**before, **fields}
+
+
+_BEFORE: dict[str, Any] = {"critic_floor": "attempts"}
 
 
 def horizons(

@@ -54,7 +54,7 @@ class Draws(NamedTuple):
     uniform: list[np.ndarray]  # [N, H, A_i] in [-1, 1]: the random action
     explore: list[np.ndarray]  # [N, H] in [0, 1): below random_action_rate, the random action
     test: list[np.ndarray]  # [N, H] in [0, 1): below subgoal_test_rate, a subgoal test
-    hindsight: list[np.ndarray]  # [N, H, K] in [0, 1): picks for a segment that ends at a step
+    hindsight: list[np.ndarray]  # [N, H, K] in [0, 1): picks for what a step completed
 
 
 def draw_round(
@@ -79,7 +79,8 @@ def draw_round(
 
 def explore(output: np.ndarray, draws: Draws, level: int, time: int, config: Config) -> np.ndarray:
     """Adds Gaussian noise to a level's output [N, A], or replaces it by a uniform action."""
-    sigma = config.action_noise if level == 0 else config.subgoal_noise
+    sigma = config.subgoal_noise if level else config.action_noise
+    rate = config.random_subgoal_rate if level else config.random_action_rate
     noisy = np.clip(output + sigma * draws.normal[level][:, time], -1, 1)
-    random = draws.explore[level][:, time] < config.random_action_rate
+    random = draws.explore[level][:, time] < rate
     return np.where(random[:, None], draws.uniform[level][:, time], noisy)

@@ -21,14 +21,14 @@ _CACHED_ROWS = 256  # of a batch, at a time, on a CPU
 
 
 class BoundedCritic:
-    """Maps a critic's raw output x to Q = -T * sigmoid(x + offset), in (-T, 0) [R20].
+    """Maps a critic's raw output x to Q = -F * sigmoid(x + offset), in (-F, 0) [R20].
 
-    No return lies outside: each action costs 1 and T of them are all a level has. `offset` makes
-    an untrained critic (x near 0) optimistic: Q near `initial_q`.
+    No return lies outside: see `critic_floor`. `offset` makes an untrained critic (x near 0)
+    optimistic: Q near `initial_q`.
     """
 
-    def __init__(self, attempts: int, initial_q: float):
-        self.bound = float(attempts)
+    def __init__(self, floor: float, initial_q: float):
+        self.bound = float(floor)
         self._offset = -math.log(self.bound / -initial_q - 1)
 
     def value(self, raw: torch.Tensor) -> torch.Tensor:
@@ -36,11 +36,24 @@ class BoundedCritic:
         return in_whole_registers(torch.sigmoid, raw + self._offset) * -self.bound
 
     def raw_gradient(self, gradient: torch.Tensor, value: torch.Tensor) -> torch.Tensor:
-        """d loss / dx from d loss / dQ: dQ/dx = Q * (1 + Q / T)."""
+        """d loss / dx from d loss / dQ: dQ/dx = Q * (1 + Q / F)."""
         return gradient * value * (1 + value / self.bound)
 
     def clip(self, target: torch.Tensor) -> torch.Tensor:
         return target.clamp_(-self.bound, 0)
+
+
+def critic_floor(attempts: int, config: Config) -> float:
+    """F > 0: every return of a level with so many attempts is at least -F.
+
+    Each attempt costs 1, and T_i of them are all a level has: F = T_i [R20]. Discounted, they cost
+    1 + g + ... + g^(T_i - 1) together, which is far less where T_i is large: 50 for 500 attempts
+    at g = 0.98.
+    """
+    g = config.discount
+    if config.critic_floor == "attempts" or g == 1:
+        return float(attempts)
+    return (1 - g**attempts) / (1 - g)
 
 
 class UnboundedCritic:
@@ -84,7 +97,7 @@ class Learner:
         self.target_critic = self.critic.twin() if config.target_rate else self.critic
         self.tested_actor = self.actor.twin() if config.tested_actor_rate else self.actor
         self.critic_kind = (
-            BoundedCritic(spec.attempts, config.initial_q)
+            BoundedCritic(critic_floor(spec.attempts, config), config.initial_q)
             if config.bounded_critic
             else UnboundedCritic()
         )

@@ -141,29 +141,66 @@ def _hindsight(
     draws: np.ndarray,
     config: Config,
 ) -> Transitions:
-    """Copies of each segment under goals that were achieved within it.
+    """Copies of each segment under goals that were achieved within it."""
+    ends = np.flatnonzero(record.segment_end[attempts.time, attempts.env])
+    first = _segment_starts(ends, attempts.env)
+    by_transition = config.hindsight_relabels in ("future", "pairs")
+    find = _copies_of_each if by_transition else _copies_of_segments
+    at, start, picked = find(attempts, first, ends, draws, config)
+    goal = achieved[attempts.time[picked] + 1, attempts.env[picked]]
+    if config.drop_held_hindsight:
+        before = achieved[attempts.start[start], attempts.env[start]]
+        new = ~space.achieved(before, goal)
+        at, goal = at[new], goal[new]
+    copies = _Attempts(*(field[at] for field in attempts))
+    reached = space.achieved(achieved[copies.time + 1, copies.env], goal)
+    return _transitions(recorded, copies, HINDSIGHT, goal, reached, config.discount)
+
+
+_Copies = tuple[np.ndarray, np.ndarray, np.ndarray]
+"""Indices of attempts, one a copy: the copied one, its segment's first, the picked one."""
+
+
+def _copies_of_segments(
+    attempts: _Attempts, first: np.ndarray, ends: np.ndarray, draws: np.ndarray, config: Config
+) -> _Copies:
+    """K picks for each segment (Section 3.3): a picked state's goal relabels many transitions.
 
     Worked example: attempts of a segment at positions 0..4 (length 5), draws .3 and .7: picks 1
     and 3; copies are made of positions 0..1 under the goal achieved at 1, and of 0..3 under the
     goal achieved at 3.
     """
-    ends = np.flatnonzero(record.segment_end[attempts.time, attempts.env])
-    first = _segment_starts(ends, attempts.env)
-    length = ends - first + 1
-    picks = _picks(draws[attempts.env[ends], attempts.time[ends]], length, config)
-    keep = _first_of_each(picks)
-    segment, column = np.nonzero(keep)
-    first, last, picked = first[segment], ends[segment], first[segment] + picks[segment, column]
-    env = attempts.env[picked]
-    goal = achieved[attempts.time[picked] + 1, env]
-    if config.drop_held_hindsight:
-        new = ~space.achieved(achieved[attempts.start[first], env], goal)
-        first, last, picked, goal = first[new], last[new], picked[new], goal[new]
-    until = picked if config.hindsight_relabels == "preceding" else last
-    rows, of = _ranges(first, until + 1)
-    copies = _Attempts(*(field[rows] for field in attempts))
-    reached = space.achieved(achieved[copies.time + 1, copies.env], goal[of])
-    return _transitions(recorded, copies, HINDSIGHT, goal[of], reached, config.discount)
+    picks = _picks(draws[attempts.env[ends], attempts.time[ends]], ends - first + 1, config)
+    segment, column = np.nonzero(_first_of_each(picks))
+    start, picked = first[segment], first[segment] + picks[segment, column]
+    until = picked if config.hindsight_relabels == "preceding" else ends[segment]
+    at, of = _ranges(start, until + 1)
+    return at, start[of], picked[of]
+
+
+def _copies_of_each(
+    attempts: _Attempts, first: np.ndarray, ends: np.ndarray, draws: np.ndarray, config: Config
+) -> _Copies:
+    """K picks for each transition, from what came at or after it in its segment (HER's `future`).
+
+    Worked example: a segment at positions 0..4, the transition at 2, draws .1 and .7: 3 positions
+    are left, so the picks are 2 and 4. With `pairs` each draw names one of the 15 pairs of a
+    transition and a later one instead, all of them equally likely.
+    """
+    at, of = _ranges(first, ends + 1)
+    start, chance = first[of], draws[attempts.env[at], attempts.time[at]]
+    if config.hindsight_relabels == "future":
+        picked = at[:, None] + np.floor(chance * (ends[of] - at + 1)[:, None]).astype(np.int64)
+    else:
+        length = (ends[of] - start + 1)[:, None]
+        pair = np.floor(chance * (length * (length + 1) // 2)).astype(np.int64)
+        later = ((np.sqrt(8 * pair + 1) - 1) // 2).astype(np.int64)
+        picked = start[:, None] + later
+        at = start[:, None] + pair - later * (later + 1) // 2
+    at, start, picked = np.broadcast_arrays(
+        at if at.ndim == 2 else at[:, None], start[:, None], picked
+    )
+    return at.ravel(), start.ravel(), picked.ravel()
 
 
 def _segment_starts(ends: np.ndarray, env: np.ndarray) -> np.ndarray:

@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 
 import hac_suite
 from hac_suite import checkpoint
+from hac_suite.config import completed
 from launch import manifest, results, settings
 from launch.errors import CommandError
 from launch.planning import Agent
@@ -110,10 +111,13 @@ def standings(
 
 def _check(file: Path, found: checkpoint.Checkpoint, own: Mapping[str, Any]) -> set[str]:
     """Versions that differ; whatever else differs is refused."""
+    there = dict(found.about)
+    if isinstance(there.get("config"), dict):
+        there["config"] = completed(there["config"])
     differences = [
-        f"{name} is {found.about.get(name)!r} there and {own[name]!r} here"
+        f"{name} is {there.get(name)!r} there and {own[name]!r} here"
         for name in own
-        if name != "versions" and found.about.get(name) != own[name]
+        if name != "versions" and there.get(name) != own[name]
     ]
     if differences:
         raise CommandError(_OTHER_RUN.format(file=file, differences="; ".join(differences)))

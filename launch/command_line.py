@@ -40,6 +40,7 @@ class Request(NamedTuple):
 
     tasks: tuple[str, ...]
     subgoal_layers: tuple[int, ...]
+    attempts: dict[int, tuple[int, ...]]  # (T_0, ..., T_n) of agents that are not to have their own
     seeds: tuple[int, ...]
     periods: int
     out: Path
@@ -96,11 +97,15 @@ def _flags() -> flags.FlagValues:
     values = flags.FlagValues()
 
     flags.DEFINE_string("task", "pick_place", f"{', '.join(tasks.ALL)}, or all", values)
-    flag_parsing.define_count(
-        values, "seeds", 10, "how many seeds: N trains the seeds 0 to N-1", least=1
-    )
+    flags.DEFINE_string("seeds", "10", "how many, from 0 on; or which: 100-103, or 3,5", values)
     flags.DEFINE_list(
         "subgoal_layers", "0,1,2", "which agents; 0 is DDPG with hindsight", flag_values=values
+    )
+    flags.DEFINE_string(
+        "T",
+        None,
+        "attempts T_0,...,T_n of the levels, such as 20,8,3; / between agents: 20,20/8,8,7",
+        values,
     )
     flag_parsing.define_count(
         values, "periods", 10, "test periods after the untrained one", least=1
@@ -144,10 +149,12 @@ def _request(values: flags.FlagValues, settings_given: ConfigDict) -> Request:
     if values.tensorboard:
         _require("tensorboard", flag="tensorboard", extra="tensorboard")
     _check_ray(values)
+    layers = _subgoal_layers(values.subgoal_layers)
     return Request(
         tasks=task_names(values.task),
-        subgoal_layers=_subgoal_layers(values.subgoal_layers),
-        seeds=tuple(range(values.seeds)),
+        subgoal_layers=layers,
+        attempts=_attempts(values.T, layers),
+        seeds=_seeds(values.seeds),
         periods=values.periods,
         out=_folder(values.out),
         workers=values.workers,
@@ -221,6 +228,61 @@ def _subgoal_layers(words: Sequence[str]) -> tuple[int, ...]:
             "--subgoal_layers=0,1"
         )
     return tuple(sorted({int(word) for word in words}))
+
+
+def _seeds(word: str) -> tuple[int, ...]:
+    """`10` is the seeds 0 to 9; with a comma or a dash it is a list of seeds and ranges.
+
+    Raises:
+      CommandError: it is neither, names a seed twice, or more seeds than anyone means.
+    """
+    parts = [re.fullmatch(r"(\d{1,9})(?:-(\d{1,9}))?", part.strip()) for part in word.split(",")]
+    spans = [(int(part[1]), int(part[2] or part[1])) for part in parts if part]
+    if len(spans) != len(parts) or any(first > last for first, last in spans):
+        raise errors.CommandError(
+            f"flag --seeds={word}: it takes how many (10: seeds 0 to 9), or which (100-103 or 3,5)"
+        )
+    if re.fullmatch(r"\s*\d+\s*", word):
+        spans = [(0, spans[0][0] - 1)]
+    count = sum(last - first + 1 for first, last in spans)
+    if not 1 <= count <= flag_parsing.MOST:
+        raise errors.CommandError(
+            f"flag --seeds={word}: that is {count} seeds; it takes 1 to {flag_parsing.MOST}"
+        )
+    seeds = [seed for first, last in spans for seed in range(first, last + 1)]
+    if len(set(seeds)) < count:
+        raise errors.CommandError(f"flag --seeds={word}: a seed is there twice")
+    return tuple(seeds)
+
+
+def _attempts(word: str | None, layers: tuple[int, ...]) -> dict[int, tuple[int, ...]]:
+    """By number of subgoal layers, the T of --T; none given: each task's own.
+
+    Raises:
+      CommandError: it is not lists of counts, each of an agent that is asked for.
+    """
+    found: dict[int, tuple[int, ...]] = {}
+    for part in word.split("/") if word is not None else []:
+        counts = part.split(",")
+        if not all(re.fullmatch(r"\s*[1-9]\d{0,5}\s*", count) for count in counts):
+            raise errors.CommandError(
+                f"flag --T={word}: it takes a count for each level, the lowest first, as in "
+                "--T=20,8,3; with / between agents, as in --T=20,20/8,8,7"
+            )
+        own = len(counts) - 1
+        if own not in layers or own in found:
+            why = (
+                "twice" if own in found else f"but not asked for: --subgoal_layers={_list(layers)}"
+            )
+            raise errors.CommandError(
+                f"flag --T={word}: {part} is of the agent with {own} subgoal layer(s), {why}"
+            )
+        found[own] = tuple(map(int, counts))
+    return found
+
+
+def _list(numbers: Sequence[int]) -> str:
+    return ",".join(map(str, numbers))
 
 
 def _check_config_words(argv: Sequence[str]) -> None:

@@ -116,7 +116,7 @@ def _manifest(folder: RunFolder, request: Request) -> manifest.Manifest:
     max_steps, own = _horizon(folder.task)
     wanted = manifest.new(folder.task, max_steps, settings.as_json(request.config))
     wanted["horizons"] = {
-        str(layers): list(hac_suite.horizons(max_steps, layers, own))
+        str(layers): list(hac_suite.horizons(max_steps, layers, {**own, **request.attempts}))
         for layers in request.subgoal_layers
     }
     found = manifest.read(folder.manifest)

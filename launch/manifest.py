@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from analysis.files import write_atomically
+from hac_suite.config import completed
 from launch.errors import CommandError
 
 Manifest = dict[str, Any]
@@ -102,7 +103,7 @@ def check_same(path: Path, manifest: Manifest, wanted: Manifest) -> None:
 
 
 def _pairs(manifest: Manifest, wanted: Manifest) -> list[tuple[str, Any, Any]]:
-    old, new = manifest["config"], wanted["config"]
+    old, new = completed(manifest["config"]), completed(wanted["config"])
     pairs = [(name, old.get(name), new.get(name)) for name in sorted({*old, *new})]
     pairs += [
         (f"horizons with {layers} subgoal layer(s)", manifest["horizons"][layers], attempts)

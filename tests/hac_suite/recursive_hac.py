@@ -31,7 +31,7 @@ class Draws(NamedTuple):
     uniform: Sequence[np.ndarray]  # [H, A_i] in [-1, 1]: a random proposal at t
     explore: Sequence[np.ndarray]  # [H] in [0, 1): is that random proposal taken?
     test: Sequence[np.ndarray]  # [H] in [0, 1): is what is proposed at t a subgoal test?
-    hindsight: Sequence[np.ndarray]  # [H, K] in [0, 1): picks of the segment whose last step is t
+    hindsight: Sequence[np.ndarray]  # [H, K] in [0, 1): picks for what was completed by step t
 
 
 class State(NamedTuple):
@@ -50,6 +50,7 @@ class Attempt(NamedTuple):
     before: State
     action: np.ndarray  # one that did lead to `after`: the proposal or the hindsight action
     after: State
+    time: int  # the primitive step that completed it
 
 
 class Transition(NamedTuple):
@@ -157,9 +158,10 @@ class RecursiveHac:
 
     def explore(self, level: int, proposal: np.ndarray) -> np.ndarray:
         """Gaussian noise, or now and then something random instead."""
-        if self.draws.explore[level][self.t] < self.config.random_action_rate:
+        rate = self.config.random_subgoal_rate if level else self.config.random_action_rate
+        sigma = self.config.subgoal_noise if level else self.config.action_noise
+        if self.draws.explore[level][self.t] < rate:
             return self.draws.uniform[level][self.t]
-        sigma = self.config.action_noise if level == 0 else self.config.subgoal_noise
         return np.clip(proposal + sigma * self.draws.normal[level][self.t], -1.0, 1.0)
 
     # -- Algorithm 2: what is stored -----------------------------------------------------------
@@ -174,25 +176,52 @@ class RecursiveHac:
         if missed and self.config.hindsight_actions:
             # Had the level proposed what came about, it would have been right.
             action = self.env.subgoal_space.normalise(after.achieved_subgoal)
-        attempt = Attempt(before, action, after)
+        attempt = Attempt(before, action, after, self.t - 1)
         self.store(level, "regular", attempt, goal)
         if missed and tested and (finished or self.config.penalise_cut_short):
             self.store(level, "penalty", attempt._replace(action=proposal), goal)
         return attempt
 
     def replay_in_hindsight(self, level: int, segment: list[Attempt]) -> None:
-        """Perform HER: the goal becomes what was reached at a few picked attempts (Section 3.3)."""
-        chance = self.draws.hindsight[level][self.t - 1][: self.config.hindsight_goals]
-        picks = [int(u * len(segment)) for u in chance]
-        if self.config.hindsight_pick_last and picks:
-            picks[-1] = len(segment) - 1
-        for pick in sorted(set(picks)):
+        """Perform HER: goals become what was reached at picked attempts (Section 3.3)."""
+        if self.config.hindsight_relabels in ("future", "pairs"):
+            relabelled = self.picks_of_each(level, segment)
+        else:
+            relabelled = self.picks_of_segment(level, segment)
+        for position, pick in relabelled:
             goal = self.project(level, segment[pick].after)
             if self.config.drop_held_hindsight and self.holds(level, goal, segment[0].before):
                 continue  # What held from the start was not brought about.
-            whole = self.config.hindsight_relabels == "segment"
-            for attempt in segment if whole else segment[: pick + 1]:
-                self.store(level, "hindsight", attempt, goal)
+            self.store(level, "hindsight", segment[position], goal)
+
+    def picks_of_segment(self, level: int, segment: list[Attempt]) -> list[tuple[int, int]]:
+        """A few attempts of the segment; each relabels itself and all before it, or all."""
+        picks = [int(u * len(segment)) for u in self.chance(level, segment[-1])] if segment else []
+        if self.config.hindsight_pick_last and picks:
+            picks[-1] = len(segment) - 1
+        whole = self.config.hindsight_relabels == "segment"
+        return [
+            (position, pick)
+            for pick in sorted(set(picks))
+            for position in range(len(segment) if whole else pick + 1)
+        ]
+
+    def picks_of_each(self, level: int, segment: list[Attempt]) -> list[tuple[int, int]]:
+        """For each attempt a few at or after it; or, with `pairs`, as many of all such pairs."""
+        n = len(segment)
+        all_pairs = [(earlier, later) for later in range(n) for earlier in range(later + 1)]
+        picked = []
+        for position, attempt in enumerate(segment):
+            for u in self.chance(level, attempt):
+                if self.config.hindsight_relabels == "future":
+                    picked.append((position, position + int(u * (n - position))))
+                else:
+                    picked.append(all_pairs[int(u * len(all_pairs))])
+        return picked
+
+    def chance(self, level: int, attempt: Attempt) -> np.ndarray:
+        """The draws that belong to an attempt."""
+        return self.draws.hindsight[level][attempt.time][: self.config.hindsight_goals]
 
     def store(self, level: int, kind: str, attempt: Attempt, goal: np.ndarray) -> None:
         """Adds (s, a, r, s', g) to R_i: r is 0 and nothing follows if s' achieves g, else r is -1.

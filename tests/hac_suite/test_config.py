@@ -4,7 +4,7 @@ import dataclasses
 
 import pytest
 
-from hac_suite.config import PAPER, PRESETS, horizons
+from hac_suite.config import PAPER, PRESETS, completed, horizons
 
 
 def test_presets_differ_from_each_other():
@@ -55,3 +55,10 @@ def test_a_tasks_own_horizons_take_the_place_of_equal_ones():
 def test_negative_layers_are_refused():
     with pytest.raises(ValueError, match="subgoal_layers"):
         horizons(100, -1)
+
+
+def test_a_field_that_was_not_there_yet_has_the_value_that_stood_for_it():
+    old = {"random_action_rate": 0.7, "discount": 0.9}
+    found = completed(old)
+    assert found == old | {"random_subgoal_rate": 0.7, "critic_floor": "attempts"}
+    assert completed(found) == found

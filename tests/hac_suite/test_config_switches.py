@@ -34,6 +34,7 @@ CHANGES = {
     "hindsight_pick_last": True,
     "drop_held_hindsight": False,
     "random_action_rate": 0.3,
+    "random_subgoal_rate": 0.3,
     "action_noise": 0.2,
     "saturation_penalty": 1.0,
     "subgoal_noise": 0.2,
@@ -49,6 +50,7 @@ CHANGES = {
     "hidden_sizes": (16, 8),
     "replay_capacity": 200,
     "bounded_critic": False,
+    "critic_floor": "returns",
     "initial_q": -0.5,
     "target_rate": 0.5,
     "tested_actor_rate": 0.0,
@@ -108,6 +110,12 @@ def test_the_same_config_has_the_same_outcome(unchanged):
 @pytest.mark.parametrize("field", FIELDS)
 def test_every_field_has_an_effect(field, unchanged):
     changed = dataclasses.replace(TINY, **{field: CHANGES[field]})
+    assert not same_outcome(outcome(changed), unchanged)
+
+
+@pytest.mark.parametrize("relabels", ["future", "pairs"])
+def test_every_way_to_relabel_has_an_effect(relabels, unchanged):
+    changed = dataclasses.replace(TINY, hindsight_relabels=relabels)
     assert not same_outcome(outcome(changed), unchanged)
 
 

@@ -225,11 +225,31 @@ SWITCHES = {
     "tested_subgoal_noise_free": False,
     "continue_after_goal": True,
     "random_action_rate": 0.7,
+    "random_subgoal_rate": 0.7,
     "subgoal_test_rate": 0.9,
     "action_noise": 0.5,
     "subgoal_noise": 0.5,
     "discount": 0.5,
 }
+
+
+@pytest.mark.parametrize("dropped", [True, False])
+@pytest.mark.parametrize("goals", [1, 2, 4])
+@pytest.mark.parametrize("relabels", ["future", "pairs"])
+@pytest.mark.parametrize("levels", HORIZONS)
+def test_hindsight_for_each_transition_means_the_same_to_both(levels, relabels, goals, dropped):
+    config = dataclasses.replace(
+        PAPER, hindsight_relabels=relabels, hindsight_goals=goals, drop_held_hindsight=dropped
+    )
+    horizons = HORIZONS[levels][-1]
+    built = array_transitions(config, horizons, seed=8)
+    assert_same(built, recursive_transitions(config, horizons, seed=8)[0])
+    (whole,) = array_transitions(dataclasses.replace(config, drop_held_hindsight=False), (99,), 8)
+    regular, hindsight = (
+        (whole.kind == KINDS[kind]) & ~np.isin(whole.env, list(DIVERGE_AT))
+        for kind in ("regular", "hindsight")
+    )
+    assert hindsight.sum() == goals * regular.sum() > 0
 
 
 @pytest.mark.parametrize("switch", SWITCHES)

@@ -36,7 +36,7 @@ def a_learner(seeds: int = 2, **changes) -> Learner:
 
 
 def test_bounded_critic_by_hand():
-    critic = BoundedCritic(attempts=10, initial_q=-0.1)
+    critic = BoundedCritic(floor=10, initial_q=-0.1)
     # Raw 0 is the optimistic start; raw = +offset' with sigmoid = 1/2 is half the bound.
     assert critic.value(torch.tensor([0.0])).item() == pytest.approx(-0.1)
     assert critic.value(torch.tensor([math.log(99.0)])).item() == pytest.approx(-5.0)

@@ -33,6 +33,7 @@ def test_flags_reach_the_request():
     )  # fmt: skip
     assert request.tasks == tuple(tasks.ALL)
     assert (request.seeds, request.subgoal_layers) == ((0, 1, 2), (0, 2))
+    assert request.attempts == {}
     assert (request.periods, request.workers, request.video) == (4, 5, False)
     assert str(request.out) == "x y/ü"
     assert (request.executor, request.ray_address) == ("ray", "10.0.0.1:6379")
@@ -63,7 +64,16 @@ def test_overrides_change_one_field_each():
         ("--task=", "unknown task ''"),
         ("--seeds=0", "--seeds=0"),
         ("--seeds=-1", "--seeds=-1"),
-        ("--seeds=abc", "--seeds=abc: it takes a whole number"),
+        ("--seeds=abc", "--seeds=abc: it takes how many (10: seeds 0 to 9), or which"),
+        ("--seeds=9-3", "--seeds=9-3: it takes how many"),
+        ("--seeds=3,3", "--seeds=3,3: a seed is there twice"),
+        ("--seeds=3,1-5", "a seed is there twice"),
+        ("--seeds=", "--seeds=: it takes how many"),
+        ("--seeds=0-999999", "that is 1000000 seeds; it takes 1 to 100000"),
+        ("--T=20,0", "--T=20,0: it takes a count for each level, the lowest first"),
+        ("--T=", "--T=: it takes a count for each level"),
+        ("--T=20,8/30,9", "30,9 is of the agent with 1 subgoal layer(s), twice"),
+        ("--T=3,3,3,3", "agent with 3 subgoal layer(s), but not asked for"),
         ("--seeds", "Missing value for flag --seeds"),
         ("--sedes=3", "unknown flag 'sedes': did you mean 'seeds'?"),
         ("--subgoal_layers=7x", "--subgoal_layers=7x: it takes some of 0,1,2"),
@@ -170,3 +180,27 @@ def test_help_names_every_flag_and_config_key():
         "128+n",
     ):
         assert word in text
+
+
+@pytest.mark.parametrize(
+    ("word", "seeds"),
+    [
+        ("3", (0, 1, 2)),
+        ("100-103", (100, 101, 102, 103)),
+        ("3,5", (3, 5)),
+        ("7,1-2", (7, 1, 2)),
+        ("4-4", (4,)),
+        ("0,", None),
+    ],
+)
+def test_seeds_are_a_number_or_a_list(word, seeds):
+    if seeds is None:
+        with pytest.raises(CommandError):
+            parse(f"--seeds={word}")
+    else:
+        assert parse(f"--seeds={word}").seeds == seeds
+
+
+def test_attempts_are_given_for_each_agent():
+    request = parse("--T=20,20/8,8,7", "--subgoal_layers=1,2")
+    assert request.attempts == {1: (20, 20), 2: (8, 8, 7)}
