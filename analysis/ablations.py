@@ -13,11 +13,11 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import PercentFormatter
 
-from analysis import paper
-from analysis.figure import DOTS_PER_INCH
-from analysis.files import write_atomically
-from analysis.load import NoResults, load
-from analysis.statistics import bootstrap, episodes_to, mean_interval
+from analysis.figures.success import DOTS_PER_INCH
+from analysis.reading import paper
+from analysis.reading.files import write_atomically
+from analysis.reading.results import NoResults, load
+from analysis.statistics.seeds import bootstrap, episodes_to, mean_interval
 
 FOLDER = Path(__file__).parent / "data" / "ablations"
 NAME = "ablations"
@@ -39,7 +39,7 @@ def load_variants(folder: Path) -> pd.DataFrame:
     """All results in `<folder>/<variant>/<task>/`, with a column `variant`.
 
     Raises:
-      ValueError: there are none, or as `analysis.load.load`.
+      ValueError: there are none, or as `analysis.reading.results.load`.
     """
     found = []
     for results in sorted(Path(folder).glob("*/*/results.csv")):

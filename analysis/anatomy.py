@@ -7,12 +7,13 @@ import functools
 from collections.abc import Sequence
 from pathlib import Path
 
-from analysis import command_line, paper
-from analysis.anatomy_figure import draw_anatomy
-from analysis.episodes import load_episodes
-from analysis.figure import save_png
-from analysis.files import write_atomically
-from analysis.subgoals import recording_command
+from analysis import program
+from analysis.figures.anatomy import draw_anatomy
+from analysis.figures.success import save_png
+from analysis.reading import paper
+from analysis.reading.episodes import load_episodes
+from analysis.reading.files import write_atomically
+from analysis.reading.subgoals import recording_command
 
 
 def write_anatomy(folder: Path, task: str, output: Path) -> list[Path]:
@@ -31,7 +32,7 @@ def write_anatomy(folder: Path, task: str, output: Path) -> list[Path]:
 
 def main(argv: Sequence[str] | None = None) -> None:
     """Command line: draws what was recorded, says what was not; exit status 2 when it cannot."""
-    parser = command_line.over_the_grid("analysis.anatomy", __doc__)
+    parser = program.over_the_grid("analysis.anatomy", __doc__)
     arguments = parser.parse_args(argv)
     for task in paper.TITLES:
         folder = arguments.data / task

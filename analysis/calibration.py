@@ -7,9 +7,9 @@ from collections.abc import Sequence
 
 import pandas as pd
 
-from analysis import paper
-from analysis.command_line import table_of
-from analysis.statistics import SOLVED, last_rows
+from analysis.program import table_of
+from analysis.reading import paper
+from analysis.statistics.seeds import SOLVED, last_rows
 
 COLUMNS = ("task", "converged", "seeds", "median_steps", "paper_steps", "ratio")
 

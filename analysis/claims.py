@@ -12,11 +12,12 @@ from typing import Any
 
 import pandas as pd
 
-from analysis import command_line, grid
-from analysis.evidence import ALPHA, LEAST_SEEDS, MARGIN, Claim, Evidence
-from analysis.files import write_atomically
-from analysis.learning_claims import CONSISTENT, STEPS_BAND, judge_learning
-from analysis.subgoal_claims import NEAR, judge_subgoals
+from analysis import program
+from analysis.reading import grid
+from analysis.reading.files import write_atomically
+from analysis.verdicts.evidence import ALPHA, LEAST_SEEDS, MARGIN, Claim, Evidence
+from analysis.verdicts.learning_claims import CONSISTENT, STEPS_BAND, judge_learning
+from analysis.verdicts.subgoal_claims import NEAR, judge_subgoals
 
 NAME = "claims"
 WHY_FILE = "claims_why.json"
@@ -163,7 +164,7 @@ def write_claims(claims: Sequence[Claim], why: Mapping[str, str], output: Path) 
 
 def main(argv: Sequence[str] | None = None) -> None:
     """Command line: prints a row per claim and writes the files; exit status 2 when it cannot."""
-    parser = command_line.over_the_grid("analysis.claims", __doc__)
+    parser = program.over_the_grid("analysis.claims", __doc__)
     arguments = parser.parse_args(argv)
     try:
         claims, why = judge(arguments.data), read_why(arguments.data)

@@ -11,10 +11,11 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
-from analysis import command_line, grid, paper, schema
-from analysis.figure import DOTS_PER_INCH, label_periods, look, plot_success
-from analysis.files import write_atomically
-from analysis.statistics import n_label, success_per_period
+from analysis import program
+from analysis.figures.success import DOTS_PER_INCH, label_periods, look, plot_success
+from analysis.reading import grid, paper, schema
+from analysis.reading.files import write_atomically
+from analysis.statistics.seeds import n_label, success_per_period
 
 NAME = "figure5"
 AGENTS = (0, 1, 2)  # subgoal layers of the paper's agents
@@ -118,7 +119,7 @@ def write_figure5(folder: Path, output: Path) -> list[Path]:
 
 def main(argv: Sequence[str] | None = None) -> None:
     """Command line: draws the figure, names panels without runs; exit status 2 when it cannot."""
-    parser = command_line.over_the_grid("analysis.figure5", __doc__)
+    parser = program.over_the_grid("analysis.figure5", __doc__)
     arguments = parser.parse_args(argv)
     try:
         paths = write_figure5(arguments.data, arguments.output or arguments.data)

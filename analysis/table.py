@@ -7,9 +7,9 @@ from collections.abc import Sequence
 
 import pandas as pd
 
-from analysis.command_line import table_of
-from analysis.paper import STEPS_TO_GOAL, in_order
-from analysis.statistics import SOLVED, core_minutes, final_success
+from analysis.program import table_of
+from analysis.reading.paper import STEPS_TO_GOAL, in_order
+from analysis.statistics.seeds import SOLVED, core_minutes, final_success
 
 HEADINGS = (
     "task",

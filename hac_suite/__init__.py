@@ -1,11 +1,11 @@
 """Hierarchical Actor-Critic for populations of seeds."""
 
+from hac_suite.algorithm.hierarchy import StepView
 from hac_suite.config import PRESETS, Config, horizons
-from hac_suite.evaluation import EpisodeStats, run_episodes
-from hac_suite.hierarchy import StepView
 from hac_suite.policy import Policy
 from hac_suite.state import SeedState
-from hac_suite.training import DIAGNOSTICS, Boundary, Lost, PeriodResult, Progress, train
+from hac_suite.training.evaluation import EpisodeStats, run_episodes
+from hac_suite.training.loop import DIAGNOSTICS, Boundary, Lost, PeriodResult, Progress, train
 from hac_suite.types import VectorEnv
 
 __all__ = [

@@ -11,7 +11,7 @@ import safetensors
 import safetensors.torch
 import torch
 
-from hac_suite.networks import ALIGNED, StackedMLP, in_whole_registers
+from hac_suite.learning.networks import ALIGNED, StackedMLP, in_whole_registers
 from hac_suite.types import Actor, LevelSpec
 
 _FORMAT = "hac_suite.policy/2"

@@ -10,8 +10,9 @@ from absl import flags
 if __name__ == "__main__":
     sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
-from launch import flag_parsing, run
-from launch.errors import CommandError, unknown
+from launch import run
+from launch.asking import program
+from launch.asking.errors import CommandError, unknown
 
 _OUT = "runs/ablations"
 # The releases differ from the text in a number of choices at once; batches and updates are not
@@ -49,12 +50,12 @@ def main(argv: Sequence[str]) -> int:
     own = [word for word in argv[1:] if _name(word) in values]
     rest = [word for word in argv[1:] if word not in own]
     try:
-        flag_parsing.parse(values, [argv[0], *own, *(w for w in rest if w in ("--help", "-h"))])
+        program.parse(values, [argv[0], *own, *(w for w in rest if w in ("--help", "-h"))])
         for variant in values.variants:
             if variant not in VARIANTS:
                 raise CommandError(unknown("variant", variant, VARIANTS))
-    except flag_parsing.HelpRequested:
-        own_flags, names = flag_parsing.describe(values), ", ".join(VARIANTS)
+    except program.HelpRequested:
+        own_flags, names = program.describe(values), ", ".join(VARIANTS)
         print(_HELP.format(flags=own_flags, out=_OUT, variants=names))
         return 0
     except CommandError as error:

@@ -12,7 +12,8 @@ if __name__ == "__main__":
     sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
     os.environ["MUJOCO_GL"] = "disabled"  # each backend is tried in a process of its own
 
-from launch import manifest, videos
+from launch.folder import manifest
+from launch.pictures import video
 
 _GIGABYTE = 1e9
 _LEAST_FREE = 1.0  # gigabytes; a run of all tasks leaves about a tenth of that
@@ -53,15 +54,15 @@ def check_cores() -> Finding:
 def check_rendering() -> list[Finding]:
     """Which backend renders off-screen, by rendering a frame with each; one is enough."""
     problems = {
-        backend: videos.run_renderer(backend, "{}", timeout=_PROBE_SECONDS)
-        for backend in videos.BACKENDS
+        backend: video.run_renderer(backend, "{}", timeout=_PROBE_SECONDS)
+        for backend in video.BACKENDS
     }
     one_works = None in problems.values()
     return [
         Finding(
             one_works or problem is None,
             f"rendering with {backend}: " + ("works" if problem is None else f"no ({problem})"),
-            videos.REMEDY,
+            video.REMEDY,
         )
         for backend, problem in problems.items()
     ]

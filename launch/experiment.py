@@ -9,27 +9,21 @@ from rich.console import Console
 
 import hac_suite
 import tasks
-from launch import (
-    checkpoints,
-    lost_jobs,
-    manifest,
-    planning,
-    presentation,
-    ray_execution,
-    settings,
-    training,
-)
-from launch.command_line import Request
-from launch.execution import StopSignal, execute
-from launch.planning import Agent
-from launch.progress import Board
-from launch.recording import Recorder
-from launch.run_folder import RunFolder
+from launch.asking import settings
+from launch.asking.request import Request
+from launch.folder import manifest
+from launch.folder.layout import RunFolder
+from launch.jobs import checkpointing, lost_jobs, on_ray, planning, worker
+from launch.jobs.local import StopSignal, execute
+from launch.jobs.planning import Agent
+from launch.jobs.progress import Board
+from launch.jobs.recorder import Recorder
+from launch.pictures import summary
 
-Standings = dict[Agent, dict[int, checkpoints.Standing]]  # of interrupted runs, by seed
+Standings = dict[Agent, dict[int, checkpointing.Standing]]  # of interrupted runs, by seed
 
 
-def run(request: Request, command: Sequence[str], *, work=training.train_job) -> int:
+def run(request: Request, command: Sequence[str], *, work=worker.train_job) -> int:
     """Carries out a checked request.
 
     Args:
@@ -64,16 +58,16 @@ def run(request: Request, command: Sequence[str], *, work=training.train_job) ->
         recorder = Recorder(folders, manifests, console, request.tensorboard)
         _train(request, recorder, found, workers, work, console, stop, cluster)
         if stop.number is None:
-            presentation.present(folders.values(), request, console, stop)
+            summary.present(folders.values(), request, console, stop)
         recorder.close(stopped=stop.number is not None)
         return _conclude(request, folders, recorder, console, stop)
 
 
-def _cluster(request: Request, held: contextlib.ExitStack) -> ray_execution.Cluster | None:
+def _cluster(request: Request, held: contextlib.ExitStack) -> on_ray.Cluster | None:
     """The Ray cluster that is asked for; None: this machine's own processes do."""
     if request.executor != "ray":
         return None
-    return held.enter_context(ray_execution.Cluster(request.ray_address, request.workers))
+    return held.enter_context(on_ray.Cluster(request.ray_address, request.workers))
 
 
 def _lock(
@@ -96,9 +90,9 @@ def _lock(
         for layers in request.subgoal_layers:
             agent = Agent(folder.task, layers)
             seeds = _unfinished(folder, layers, request)
-            run = checkpoints.Run(agent, tuple(horizons[str(layers)]), request.config)
+            run = checkpointing.Run(agent, tuple(horizons[str(layers)]), request.config)
             say = functools.partial(console.print, soft_wrap=True)
-            found[agent] = checkpoints.standings(
+            found[agent] = checkpointing.standings(
                 folder, run, seeds, request.periods, say, other_versions=request.other_versions
             )
     for folder in folders:
@@ -143,7 +137,7 @@ def _train(
     work,
     console: Console,
     stop: StopSignal,
-    cluster: ray_execution.Cluster | None,
+    cluster: on_ray.Cluster | None,
 ) -> None:
     """Trains what is missing."""
     missing = defaultdict[planning.Group, list[int]](list)
@@ -153,7 +147,7 @@ def _train(
             agent = Agent(task, layers)
             standings = found.get(agent, {})
             for seed in _missing(folder, layers, request, standings, console):
-                standing = standings.get(seed, checkpoints.Standing(0, []))
+                standing = standings.get(seed, checkpointing.Standing(0, []))
                 runs[layers, seed] = standing.rows
                 missing[planning.Group(agent, standing.train_episodes)].append(seed)
         recorder.prepare(task, runs)
@@ -192,7 +186,7 @@ def _missing(
     folder: RunFolder,
     layers: int,
     request: Request,
-    standings: Mapping[int, checkpoints.Standing],
+    standings: Mapping[int, checkpointing.Standing],
     console: Console,
 ) -> tuple[int, ...]:
     """Seeds of an agent that are still to be trained; says which are not, and which go on."""
@@ -219,9 +213,9 @@ def _missing(
     return missing
 
 
-def _plan(task: str, request: Request, recorder: Recorder) -> training.Plan:
+def _plan(task: str, request: Request, recorder: Recorder) -> worker.Plan:
     horizons = recorder.manifests[task]["horizons"]
-    return training.Plan(
+    return worker.Plan(
         out=request.out.resolve(),
         config=request.config,
         horizons={layers: tuple(horizons[str(layers)]) for layers in request.subgoal_layers},
@@ -242,7 +236,7 @@ def _conclude(
         console.print("stopped; finished runs are kept, and the same command goes on from there")
         return 128 + stop.number
     for folder in folders.values():
-        presentation.summarise(folder, console)
+        summary.summarise(folder, console)
     for job, reason in recorder.failures.items():
         console.print(
             f"failed: {job.agent}, seeds {', '.join(map(str, job.seeds))}: {reason}\n"

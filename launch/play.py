@@ -12,8 +12,10 @@ if __name__ == "__main__":
     os.environ["MUJOCO_GL"] = "disabled"  # only the renderer's own process needs a backend
 
 import tasks
-from launch import flag_parsing, policies, videos
-from launch.errors import CommandError, unknown
+from launch.asking import program
+from launch.asking.errors import CommandError, unknown
+from launch.folder import policies
+from launch.pictures import video
 
 _HELP = """Renders test episodes of a trained policy into a file; opens no window.
 
@@ -31,17 +33,17 @@ def main(argv: Sequence[str]) -> int:
     """Carries out a command; returns the exit status that --help states."""
     values = _flags()
     try:
-        flag_parsing.parse(values, argv)
+        program.parse(values, argv)
         shown, output = _choose(values)
-        for note in videos.render(shown, output, episodes=values.episodes):
+        for note in video.render(shown, output, episodes=values.episodes):
             print(note)
-    except flag_parsing.HelpRequested:
-        print(_HELP.format(flags=flag_parsing.describe(values)))
+    except program.HelpRequested:
+        print(_HELP.format(flags=program.describe(values)))
         return 0
     except CommandError as error:
         print(f"error: {error}", file=sys.stderr)
         return 2
-    except videos.RenderingError as error:
+    except video.RenderingError as error:
         print(f"error: {error}", file=sys.stderr)
         return 1
     print(output)
@@ -51,11 +53,11 @@ def main(argv: Sequence[str]) -> int:
 def _flags() -> flags.FlagValues:
     values = flags.FlagValues()
     flags.DEFINE_string("task", "pick_place", "which task", values)
-    flag_parsing.define_count(values, "subgoal_layers", 2, "which agent", least=0)
+    program.define_count(values, "subgoal_layers", 2, "which agent", least=0)
     flags.DEFINE_string(
         "run", None, "run folder; if not given, runs/TASK, or published policies", values
     )
-    flag_parsing.define_count(
+    program.define_count(
         values,
         "seed",
         None,
@@ -63,7 +65,7 @@ def _flags() -> flags.FlagValues:
         least=0,
     )
     flags.DEFINE_string("output", "video.mp4", ".mp4: a video; .png: a strip of frames", values)
-    flag_parsing.define_count(values, "episodes", 2, "how many a video shows", least=1)
+    program.define_count(values, "episodes", 2, "how many a video shows", least=1)
     return values
 
 

@@ -13,11 +13,13 @@ if __name__ == "__main__":
     os.environ["MUJOCO_GL"] = "disabled"
 
 import tasks
-from analysis import grid
-from analysis.figure import write_figure
-from launch import flag_parsing, policies, record_subgoals, run_states
-from launch.errors import CommandError, unknown
-from launch.run_folder import POLICY_SUFFIXES, RunFolder
+from analysis.figures.success import write_figure
+from analysis.reading import grid
+from launch import record_subgoals
+from launch.asking import program
+from launch.asking.errors import CommandError, unknown
+from launch.folder import policies, states
+from launch.folder.layout import POLICY_SUFFIXES, RunFolder
 
 _HELP = """Puts a finished run folder where the analysis and play.py look for published results.
 
@@ -36,7 +38,7 @@ Exit status: 0 done; 2 the command was wrong, or the folder's runs are not finis
 def main(argv: Sequence[str]) -> int:
     """Carries out a command; returns the exit status that --help states."""
     values = _flags()
-    return flag_parsing.carry_out(values, argv, _HELP, lambda: _publish(values))
+    return program.carry_out(values, argv, _HELP, lambda: _publish(values))
 
 
 def _publish(values: flags.FlagValues) -> None:
@@ -64,11 +66,11 @@ def publish(folder: RunFolder, data: Path, chosen: Path) -> list[Path]:
     Raises:
       CommandError: some of its runs are neither done nor failed, or it is no run folder.
     """
-    states = run_states.read(folder.path)
-    open_runs = [run for run in states.runs if run.state not in ("done", "failed")]
-    if open_runs or not states.runs:
+    state = states.read(folder.path)
+    open_runs = [run for run in state.runs if run.state not in ("done", "failed")]
+    if open_runs or not state.runs:
         raise CommandError(
-            f"{folder.path}: {len(open_runs)} of its {len(states.runs)} runs are not finished; "
+            f"{folder.path}: {len(open_runs)} of its {len(state.runs)} runs are not finished; "
             "the command that began them goes on with them"
         )
     found = policies.find(folder.policies)

@@ -18,10 +18,11 @@ import numpy as np
 
 import hac_suite
 import tasks
-from analysis.files import write_atomically
-from launch import flag_parsing, policies
-from launch.errors import CommandError, unknown
-from launch.subgoal_log import Replay, replay
+from analysis.reading.files import write_atomically
+from launch.asking import program
+from launch.asking.errors import CommandError, unknown
+from launch.folder import policies
+from launch.pictures.subgoal_log import Replay, replay
 
 SUBGOALS_FILE, ANATOMY_FILE = "subgoals.csv", "anatomy.json"
 
@@ -47,7 +48,7 @@ Exit status: 0 the files are written; 2 the command was wrong."""
 def main(argv: Sequence[str]) -> int:
     """Carries out a command; returns the exit status that --help states."""
     values = _flags()
-    return flag_parsing.carry_out(values, argv, _HELP, lambda: _record(values))
+    return program.carry_out(values, argv, _HELP, lambda: _record(values))
 
 
 def _record(values: flags.FlagValues) -> None:
@@ -68,7 +69,7 @@ def _flags() -> flags.FlagValues:
     flags.DEFINE_string("task", "pick_place", "which task", values)
     flags.DEFINE_string("policies", None, "their folder; if not given, runs/TASK/policies", values)
     flags.DEFINE_string("output", None, "folder for the files; if not given, runs/TASK", values)
-    flag_parsing.define_count(values, "episodes", EPISODES, "test episodes of each policy", least=1)
+    program.define_count(values, "episodes", EPISODES, "test episodes of each policy", least=1)
     return values
 
 

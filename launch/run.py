@@ -7,17 +7,13 @@ from pathlib import Path
 
 def main(argv: list[str]) -> int:
     """Carries out a command; returns the exit status that --help states."""
-    from launch import (
-        command_line,
-        errors,
-        experiment,
-        flag_parsing,
-    )  # these import numpy, torch and mujoco
+    from launch import experiment  # these import numpy, torch and mujoco
+    from launch.asking import errors, program, request
 
     try:
-        return experiment.run(command_line.parse(argv), argv)
-    except flag_parsing.HelpRequested:
-        print(command_line.help_text())
+        return experiment.run(request.parse(argv), argv)
+    except program.HelpRequested:
+        print(request.help_text())
         return 0
     except errors.CommandError as error:
         print(f"error: {error}", file=sys.stderr)

@@ -11,11 +11,11 @@ from rich.table import Table
 if __name__ == "__main__":
     sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
-from launch import run_states
-from launch.errors import CommandError
-from launch.progress import duration
-from launch.run_folder import RunFolder
-from launch.run_states import FolderState, RunState
+from launch.asking.errors import CommandError
+from launch.folder import states
+from launch.folder.layout import RunFolder
+from launch.folder.states import FolderState, RunState
+from launch.jobs.progress import duration
 
 _HELP = """Says from a run folder's files how its experiment stands, whether it runs or died.
 
@@ -36,7 +36,7 @@ def main(argv: Sequence[str]) -> int:
         if len(words) != 1 or words[0].startswith("-"):
             raise CommandError("it takes one run folder, as in launch/status.py runs/pick_place")
         path = Path(words[0])
-        state = run_states.read(path)
+        state = states.read(path)
     except (CommandError, OSError, ValueError) as error:
         print(f"error: {error}", file=sys.stderr)
         return 2
@@ -79,10 +79,10 @@ def _count(runs: Sequence[RunState], state: str) -> int:
 
 def _table(state: FolderState) -> Table:
     table = Table(box=None, pad_edge=False, header_style="bold")
-    for heading in ("agent", "seeds", *run_states.STATES, "test period", "success", "checkpoint"):
+    for heading in ("agent", "seeds", *states.STATES, "test period", "success", "checkpoint"):
         table.add_column(heading, justify="left" if heading == "agent" else "right", no_wrap=True)
-    for agent, runs in run_states.by_agent(state).items():
-        counts = [_count(runs, name) for name in run_states.STATES]
+    for agent, runs in states.by_agent(state).items():
+        counts = [_count(runs, name) for name in states.STATES]
         cells = [str(count) if count else "-" for count in counts]
         table.add_row(str(agent), str(len(runs)), *cells, *_progress(runs))
     return table

@@ -4,11 +4,11 @@
 together; importing the package registers every task with Gymnasium as "HACSuite/<Name>-v0".
 """
 
-from tasks import gym_face
+from tasks import to_gymnasium
 from tasks.goal_space import GoalSpace
 from tasks.loading import ALL, TAGS, load, load_vector
 from tasks.vector import VectorEnv, VectorStep
 
 __all__ = ["ALL", "TAGS", "GoalSpace", "VectorEnv", "VectorStep", "load", "load_vector"]
 
-gym_face.register_all(ALL)
+to_gymnasium.register_all(ALL)

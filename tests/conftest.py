@@ -30,7 +30,7 @@ def pytest_configure(config):
 def pytest_collection_modifyitems(items):
     if RENDERS:
         return
-    from launch.videos import REMEDY
+    from launch.pictures.video import REMEDY
 
     skip = pytest.mark.skip(reason=f"rendering does not work here; {REMEDY}")
     for item in items:

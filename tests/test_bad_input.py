@@ -17,12 +17,14 @@ from rich.console import Console
 
 import hac_suite
 import tasks
-from analysis.load import load
-from hac_suite.networks import StackedMLP
-from launch import command_line, errors, flag_parsing, play, policies, results, run_states, status
-from launch.planning import Agent, Job
-from launch.run_folder import RunFolder
-from launch.settings import field_names
+from analysis.reading.results import load
+from hac_suite.learning.networks import StackedMLP
+from launch import play, status
+from launch.asking import errors, program, request
+from launch.asking.settings import field_names
+from launch.folder import policies, results, states
+from launch.folder.layout import RunFolder
+from launch.jobs.planning import Agent, Job
 from tasks import assets
 from tests.launch import fake_jobs
 
@@ -111,7 +113,7 @@ def misspelt(draw, names: tuple[str, ...]) -> str:
     return name[:place] + put + name[place + draw(st.integers(0, 1)) :]
 
 
-FLAGS = tuple(command_line._flags())
+FLAGS = tuple(request._flags())
 flag = st.one_of(st.sampled_from(FLAGS), misspelt(FLAGS), st.sampled_from(["config", "help", ""]))
 word = st.one_of(
     st.tuples(st.sampled_from(["--", "-", "--no"]), flag, st.just("="), values).map("".join),
@@ -122,15 +124,15 @@ word = st.one_of(
 
 def check_words(argv: list[str]) -> None:
     try:
-        request = command_line.parse(["launch/run.py", *argv])
-    except flag_parsing.HelpRequested:
+        found = request.parse(["launch/run.py", *argv])
+    except program.HelpRequested:
         return
     except errors.CommandError as error:
         return answered(error)
-    assert set(request.tasks) <= set(tasks.ALL) and request.tasks
-    assert request.seeds and request.periods > 0 and request.workers >= 0
-    assert set(request.subgoal_layers) <= {0, 1, 2} and request.subgoal_layers
-    assert str(request.out).isprintable()  # else printing the summary would fail
+    assert set(found.tasks) <= set(tasks.ALL) and found.tasks
+    assert found.seeds and found.periods > 0 and found.workers >= 0
+    assert set(found.subgoal_layers) <= {0, 1, 2} and found.subgoal_layers
+    assert str(found.out).isprintable()  # else printing the summary would fail
 
 
 def test_words_of_the_training_command(try_all):
@@ -143,9 +145,9 @@ def test_words_of_the_other_commands(try_all, tmp_path, monkeypatch):
     def check(argv: list[str]) -> None:
         flags = play._flags()
         try:
-            flag_parsing.parse(flags, ["launch/play.py", *argv])
+            program.parse(flags, ["launch/play.py", *argv])
             shown, _ = play._choose(flags)
-        except flag_parsing.HelpRequested:
+        except program.HelpRequested:
             return
         except errors.CommandError as error:
             return answered(error)
@@ -159,7 +161,7 @@ def test_words_of_the_other_commands(try_all, tmp_path, monkeypatch):
 
 @pytest.mark.parametrize("preset", sorted(hac_suite.PRESETS))
 def test_overrides_of_hyperparameters(try_all, preset):
-    file = f"--config={command_line.CONFIGS / preset}.py"
+    file = f"--config={request.CONFIGS / preset}.py"
     override = st.tuples(
         st.sampled_from(["--config.", "--noconfig.", "-config."]),
         st.one_of(keys, misspelt(field_names())),
@@ -177,10 +179,10 @@ def test_overrides_of_hyperparameters(try_all, preset):
 def test_counts_are_understood_or_refused(try_all):
     def check(text: str) -> None:
         try:
-            request = command_line.parse(["launch/run.py", f"--seeds={text}"])
+            found = request.parse(["launch/run.py", f"--periods={text}"])
         except errors.CommandError as error:
             return answered(error)
-        assert request.seeds == tuple(range(int(text)))
+        assert found.periods == int(text)
 
     try_all("counts", st.one_of(numbers, typed, st.integers(1, 50).map(str)), check)
 
@@ -208,7 +210,7 @@ def rows() -> list[dict]:
     ]
 
 
-def show(state: run_states.FolderState) -> None:
+def show(state: states.FolderState) -> None:
     status.show(Path("runs"), state, Console(file=io.StringIO(), width=120))
 
 
@@ -236,7 +238,7 @@ def test_results_that_somebody_edited(try_all, tmp_path):
         folder.results.write_bytes(data)
         for read in (
             lambda: folder.finished(AGENT, 2),
-            lambda: show(run_states.read(folder.path)),
+            lambda: show(states.read(folder.path)),
             lambda: results.read(folder.results),
         ):
             try:
@@ -293,11 +295,11 @@ def test_manifests_that_somebody_edited(try_all, tmp_path):
     def check(data: bytes) -> None:
         folder.manifest.write_bytes(data)
         try:
-            state = run_states.read(folder.path)
+            state = states.read(folder.path)
         except errors.CommandError as error:
             return answered(error)
         show(state)
-        assert {run.state for run in state.runs} <= set(run_states.STATES)
+        assert {run.state for run in state.runs} <= set(states.STATES)
 
     @st.composite
     def other_request(draw) -> bytes:

@@ -17,8 +17,8 @@ ROOMS = {
     },
 }  # fmt: skip
 EXCEPTIONS = {
-    "tasks/gym_face.py": {"gymnasium"},
-    "launch/ray_execution.py": {"ray"},
+    "tasks/to_gymnasium.py": {"gymnasium"},
+    "launch/jobs/on_ray.py": {"ray"},
 }
 # What nothing but the standard library gives.
 STANDARD = __import__("sys").stdlib_module_names
@@ -56,10 +56,10 @@ def test_a_file_imports_only_what_its_room_may(path):
     [
         ("tasks/pendulum.py", "import hac_suite"),
         ("tasks/pendulum.py", "import gymnasium"),
-        ("hac_suite/training.py", "from tasks import vector"),
-        ("hac_suite/training.py", "def f():\n    import scipy.stats"),
-        ("analysis/load.py", "from launch.results import read"),
-        ("analysis/load.py", "import torch"),
+        ("hac_suite/training/loop.py", "from tasks import vector"),
+        ("hac_suite/training/loop.py", "def f():\n    import scipy.stats"),
+        ("analysis/reading/results.py", "from launch.folder.results import read"),
+        ("analysis/reading/results.py", "import torch"),
     ],
 )
 def test_a_wrong_arrow_is_seen(path, source):

@@ -4,8 +4,8 @@ import pytest
 
 import hac_suite
 import tasks
-from launch import policies
-from launch.subgoal_log import replay
+from launch.folder import policies
+from launch.pictures.subgoal_log import replay
 
 EPISODES = 64
 MOST_LOST = 0.05  # of the success rate, as where another machine rounds otherwise

@@ -5,7 +5,7 @@ Each field is explained in hac_suite/config.py.
 
 from ml_collections import ConfigDict
 
-from launch import settings
+from launch.asking import settings
 
 
 def get_config() -> ConfigDict:

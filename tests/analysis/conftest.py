@@ -6,7 +6,7 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
-from analysis import schema
+from analysis.reading import schema
 
 Curves = Mapping[int, Sequence[Sequence[float | None]]]
 MakeResults = Callable[..., pd.DataFrame]

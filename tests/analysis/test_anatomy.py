@@ -7,11 +7,11 @@ import pytest
 from matplotlib.colors import to_rgba
 from matplotlib.patches import Rectangle
 
-from analysis import paper
 from analysis.anatomy import main
-from analysis.anatomy_figure import draw_anatomy
-from analysis.diagnostics import LOOKS
-from analysis.episodes import load_episodes
+from analysis.figures.anatomy import draw_anatomy
+from analysis.figures.diagnostics import LOOKS
+from analysis.reading import paper
+from analysis.reading.episodes import load_episodes
 
 LEVEL_1, LEVEL_2 = (to_rgba(look.colour)[:3] for look in LOOKS[1:3])
 

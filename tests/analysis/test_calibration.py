@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from analysis.calibration import calibrate, main
-from analysis.load import load
+from analysis.reading.results import load
 
 
 def test_only_converged_seeds_count(make_results):

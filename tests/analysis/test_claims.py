@@ -6,11 +6,11 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from analysis import paper
 from analysis.claims import COLUMNS, WHY_FILE, judge, main
-from analysis.evidence import NOT_SUPPORTED, SUPPORTED, UNDECIDED
-from analysis.learning_claims import falls_in_missed
-from analysis.speed_claims import areas, common_budget, episodes_to_solved
+from analysis.reading import paper
+from analysis.verdicts.evidence import NOT_SUPPORTED, SUPPORTED, UNDECIDED
+from analysis.verdicts.learning_claims import falls_in_missed
+from analysis.verdicts.speed_claims import areas, common_budget, episodes_to_solved
 
 
 def _like(curve, seeds=6):

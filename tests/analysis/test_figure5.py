@@ -5,10 +5,10 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from analysis import grid, paper, schema
 from analysis.figure5 import NOTHING_YET, draw_figure5, main, summarise
-from analysis.load import load
-from analysis.statistics import success_per_period
+from analysis.reading import grid, paper, schema
+from analysis.reading.results import load
+from analysis.statistics.seeds import success_per_period
 
 CURVES = {
     0: [[0.0, 0.1, 0.2], [0.0, 0.0, 0.3]],

@@ -8,9 +8,9 @@ import pytest
 from nbclient import NotebookClient
 from nbclient.exceptions import CellExecutionError
 
-from analysis import grid, paper
 from analysis.claims import judge
-from analysis.episodes import ANATOMY_FILE
+from analysis.reading import grid, paper
+from analysis.reading.episodes import ANATOMY_FILE
 
 FOLDER = Path(__file__).parents[2] / "analysis" / "notebooks"
 NAMES = ("author_a_task", "claims", "reproduce_figure5", "subgoal_anatomy")

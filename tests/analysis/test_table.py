@@ -2,7 +2,7 @@
 
 import pytest
 
-from analysis.load import load
+from analysis.reading.results import load
 from analysis.table import main, tabulate
 
 

@@ -19,8 +19,8 @@ for library in ("OMP", "MKL", "OPENBLAS"):
 from rich.console import Console  # noqa: E402
 from rich.table import Table  # noqa: E402
 
-from analysis.files import write_atomically  # noqa: E402
-from launch import manifest  # noqa: E402
+from analysis.reading.files import write_atomically  # noqa: E402
+from launch.folder import manifest  # noqa: E402
 from tests.bench import growth, limits, panel, same_work, stepping  # noqa: E402
 from tests.bench.repeats import REPEATS  # noqa: E402
 

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import torch
 
 import hac_suite
-from hac_suite.learner import Learner
+from hac_suite.learning.ddpg import Learner
 from tests.bench.population import TASK, Training
 from tests.bench.repeats import REPEATS, entry, rounded
 from tests.bench.team import Team

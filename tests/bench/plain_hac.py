@@ -18,8 +18,8 @@ from torch.nn import functional
 
 import hac_suite
 import tasks
-from hac_suite import exploration
-from hac_suite.exploration import Purpose
+from hac_suite.algorithm import exploration
+from hac_suite.algorithm.exploration import Purpose
 from hac_suite.types import LevelSpec, level_specs
 from tests.bench.work import Meter, Work, total, whole_horizon
 from tests.hac_suite.recursive_hac import Actor, Draws, RecursiveHac, Transition

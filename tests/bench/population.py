@@ -6,8 +6,8 @@ from typing import Any
 
 import hac_suite
 import tasks
-from hac_suite.learner import Learner
-from hac_suite.training import PeriodResult, _Training
+from hac_suite.learning.ddpg import Learner
+from hac_suite.training.loop import PeriodResult, _Training
 from tests.bench.work import Meter, Work, whole_horizon
 
 TASK = "pick_place"  # where a measurement is of one task

@@ -13,7 +13,7 @@ from stable_baselines3.common.noise import NormalActionNoise
 
 import hac_suite
 import tasks
-from tasks.gym_face import environment_id
+from tasks.to_gymnasium import environment_id
 from tests.bench.work import Meter, Work, total, whole_horizon
 
 _NEVER = 2**31  # episodes between log lines

@@ -7,11 +7,11 @@ from pathlib import Path
 from typing import NamedTuple
 
 import hac_suite
-from analysis.figure import write_figure
-from analysis.report import write_report
-from launch import results
-from launch.run_folder import RunFolder
-from launch.training import save_policy
+from analysis.figures.success import write_figure
+from analysis.report.run_report import write_report
+from launch.folder import results
+from launch.folder.layout import RunFolder
+from launch.jobs.worker import save_policy
 from tests.bench.team import held_memory
 
 

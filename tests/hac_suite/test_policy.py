@@ -8,7 +8,7 @@ import pytest
 import safetensors.torch
 import torch
 
-from hac_suite.networks import StackedMLP
+from hac_suite.learning.networks import StackedMLP
 from hac_suite.policy import Policy
 from hac_suite.types import level_specs
 from tests.hac_suite.tiny_envs import PointEnv

@@ -8,10 +8,10 @@ import time
 from pathlib import Path
 
 import hac_suite
-from analysis.schema import LEVEL_FIELDS, level_column
-from launch.planning import Job
-from launch.run_folder import POLICY_SUFFIXES, RunFolder
-from launch.training import Tested
+from analysis.reading.schema import LEVEL_FIELDS, level_column
+from launch.folder.layout import POLICY_SUFFIXES, RunFolder
+from launch.jobs.planning import Job
+from launch.jobs.worker import Tested
 
 
 def report_seeds(job: Job, send) -> None:

@@ -19,9 +19,13 @@ from pathlib import Path
 import pytest
 
 import tasks
-from launch import checkpoints, command_line, errors, experiment, manifest, presentation, recording
-from launch.execution import Finished, Started
-from launch.run_folder import RunFolder
+from launch import experiment
+from launch.asking import errors, request
+from launch.folder import manifest
+from launch.folder.layout import RunFolder
+from launch.jobs import checkpointing, recorder
+from launch.jobs.local import Finished, Started
+from launch.pictures import summary
 from tests.hac_suite.tiny_envs import PointEnv
 
 TASK = "pendulum_climb"
@@ -47,16 +51,16 @@ def tiny_task(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(tasks, "load_vector", load_vector)
     monkeypatch.setattr(experiment, "_horizon", lambda task: (MAX_STEPS, {}))
     in_one_process(monkeypatch)
-    monkeypatch.setattr(checkpoints, "MOST_SECONDS_BETWEEN", 0.0)
-    monkeypatch.setattr(checkpoints, "MOST_SHARE", math.inf)
+    monkeypatch.setattr(checkpointing, "MOST_SECONDS_BETWEEN", 0.0)
+    monkeypatch.setattr(checkpointing, "MOST_SHARE", math.inf)
 
 
 def in_one_process(monkeypatch: pytest.MonkeyPatch) -> None:
     """Leaves worker processes and pictures out of launches."""
     monkeypatch.setattr(experiment, "execute", _execute)
-    monkeypatch.setattr(recording, "write_figure", lambda path: None)
-    monkeypatch.setattr(presentation, "present", lambda *_: None)
-    monkeypatch.setattr(presentation, "summarise", lambda *_: None)
+    monkeypatch.setattr(recorder, "write_figure", lambda path: None)
+    monkeypatch.setattr(summary, "present", lambda *_: None)
+    monkeypatch.setattr(summary, "summarise", lambda *_: None)
     monkeypatch.setattr(manifest, "commit", lambda: None)
 
 
@@ -103,7 +107,7 @@ def _launch_and_exit(output: int, argv: list[str], first: Callable[[], object]) 
         ):
             first()
             try:
-                status = experiment.run(command_line.parse(argv), argv)
+                status = experiment.run(request.parse(argv), argv)
             except (errors.CommandError, OSError) as error:  # as launch/run.py answers them
                 print(f"error: {error}")
                 status = 2 if isinstance(error, errors.CommandError) else 1
@@ -145,7 +149,7 @@ def standings(out: Path) -> dict[str, int]:
     """The episode of the newest whole checkpoint of each unfinished run, by its folder's name."""
     found = {}
     for folder in RunFolder(out, TASK).checkpoints.glob("*"):
-        newest, complaints = checkpoints.checkpoint.newest(folder)
+        newest, complaints = checkpointing.checkpoint.newest(folder)
         assert not complaints, complaints
         found[folder.name] = newest.train_episodes if newest else 0
     return found

@@ -5,16 +5,17 @@ import dataclasses
 import pytest
 
 import hac_suite
-from launch import ablate, command_line, run
+from launch import ablate, run
+from launch.asking import request
 
 
 @pytest.fixture
-def requests(monkeypatch) -> list[command_line.Request]:
+def requests(monkeypatch) -> list[request.Request]:
     """What would have been trained."""
     found = []
 
     def main(argv):
-        found.append(command_line.parse(argv))
+        found.append(request.parse(argv))
         return len(found) == 2  # the second has failed runs
 
     monkeypatch.setattr(run, "main", main)

@@ -11,13 +11,17 @@ import types
 import pytest
 from rich.console import Console
 
-from analysis.load import load
-from launch import command_line, experiment, manifest, training, videos
-from launch.errors import CommandError
-from launch.planning import Agent, Job
-from launch.progress import Board
-from launch.recording import Recorder
-from launch.run_folder import RunFolder
+from analysis.reading.results import load
+from launch import experiment
+from launch.asking import request
+from launch.asking.errors import CommandError
+from launch.folder import manifest
+from launch.folder.layout import RunFolder
+from launch.jobs import worker
+from launch.jobs.planning import Agent, Job
+from launch.jobs.progress import Board
+from launch.jobs.recorder import Recorder
+from launch.pictures import video
 from tests.launch import fake_jobs
 
 BOTH = "--subgoal_layers=0,1"
@@ -26,7 +30,7 @@ BOTH = "--subgoal_layers=0,1"
 def launch(out, *words: str, work=fake_jobs.train) -> int:
     usual = ["--task=pendulum_climb", "--subgoal_layers=1", "--novideo", f"--out={out}"]
     argv = ["launch/run.py", *usual, *words]
-    return experiment.run(command_line.parse(argv), argv, work=work)
+    return experiment.run(request.parse(argv), argv, work=work)
 
 
 def trained(out) -> list[tuple[int, int]]:
@@ -145,9 +149,11 @@ def test_with_many_tasks_one_refused_folder_means_that_none_is_made(tmp_path):
 
 def test_a_skipped_refresh_of_the_figure_is_made_up_for(tmp_path, monkeypatch):
     drawn = []
-    monkeypatch.setattr("launch.recording.write_figure", lambda path: drawn.append(path))
+    monkeypatch.setattr("launch.jobs.recorder.write_figure", lambda path: drawn.append(path))
     clock = [1000.0]
-    monkeypatch.setattr("launch.recording.time", types.SimpleNamespace(monotonic=lambda: clock[0]))
+    monkeypatch.setattr(
+        "launch.jobs.recorder.time", types.SimpleNamespace(monotonic=lambda: clock[0])
+    )
     folder = RunFolder(tmp_path, "pendulum_climb")
     job = Job(Agent("pendulum_climb", 0), (0,))
     with folder.lock():
@@ -158,7 +164,7 @@ def test_a_skipped_refresh_of_the_figure_is_made_up_for(tmp_path, monkeypatch):
         with Board([job], 8, Console(file=io.StringIO())) as board:
             for period in range(3):
                 rows = [fake_jobs.row(job, 0, period)]
-                recorder.receive(board, job, training.Tested(period, rows))
+                recorder.receive(board, job, worker.Tested(period, rows))
                 recorder.tick()
     assert len(drawn) == 1  # a burst
     clock[0] += 100
@@ -182,10 +188,10 @@ def test_pictures_that_fail_do_not_harm_training(tmp_path, capsys, monkeypatch):
     def broken(_):
         raise ValueError("no ink")
 
-    no_backend = functools.partial(videos.render, backends=("nonsense",))
-    monkeypatch.setattr("launch.recording.write_figure", broken)
-    monkeypatch.setattr("launch.presentation.write_report", broken)
-    monkeypatch.setattr("launch.presentation.videos.render", no_backend)
+    no_backend = functools.partial(video.render, backends=("nonsense",))
+    monkeypatch.setattr("launch.jobs.recorder.write_figure", broken)
+    monkeypatch.setattr("launch.pictures.summary.write_report", broken)
+    monkeypatch.setattr("launch.pictures.summary.video.render", no_backend)
     assert launch(tmp_path, "--seeds=1", "--periods=1", "--video") == 0
     printed = capsys.readouterr().out
     assert "figure.png was not refreshed: no ink" in printed

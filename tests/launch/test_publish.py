@@ -5,9 +5,10 @@ import shutil
 
 import pytest
 
-from analysis import grid
-from launch import play, policies, publish
-from launch.run_folder import RunFolder
+from analysis.reading import grid
+from launch import play, publish
+from launch.folder import policies
+from launch.folder.layout import RunFolder
 from tests.launch.lives import TASK, live, tiny
 
 __all__ = ["tiny"]

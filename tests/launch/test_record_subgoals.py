@@ -10,10 +10,13 @@ import pytest
 
 import hac_suite
 import tasks
-from analysis.subgoals import load_subgoals
-from hac_suite.hierarchy import collect
-from launch import record_subgoals, settings, subgoal_log, training
-from launch.run_folder import RunFolder
+from analysis.reading.subgoals import load_subgoals
+from hac_suite.algorithm.hierarchy import collect
+from launch import record_subgoals
+from launch.asking import settings
+from launch.folder.layout import RunFolder
+from launch.jobs import worker
+from launch.pictures import subgoal_log
 
 TASK, LAYERS, SEED = "pick_place", 2, 3
 EPISODES, HORIZONS = 6, (7, 5, 9)
@@ -44,7 +47,7 @@ def folder(tmp_path_factory) -> RunFolder:
             "success_rate": 0.0,
             "config": settings.as_json(config),
         }
-        training.save_policy(result.policies[0], folder.policy(layers, SEED), metadata)
+        worker.save_policy(result.policies[0], folder.policy(layers, SEED), metadata)
     return folder
 
 

@@ -9,7 +9,7 @@ import pandas as pd
 import pytest
 
 import hac_suite
-from analysis.load import load
+from analysis.reading.results import load
 
 RUN = Path(__file__).resolve().parents[2] / "launch" / "run.py"
 

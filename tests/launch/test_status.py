@@ -10,8 +10,11 @@ from pathlib import Path
 
 import pytest
 
-from launch import command_line, experiment, results, run_states, status
-from launch.run_folder import RunFolder
+from launch import experiment, status
+from launch.asking import request
+from launch.folder import results
+from launch.folder import states as folder_states
+from launch.folder.layout import RunFolder
 from tests.launch import fake_jobs
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -25,11 +28,11 @@ def words(out: Path, *extra: str) -> list[str]:
 
 def launch(out: Path, *extra: str) -> int:
     argv = words(out, *extra)
-    return experiment.run(command_line.parse(argv), argv, work=fake_jobs.train)
+    return experiment.run(request.parse(argv), argv, work=fake_jobs.train)
 
 
 def states(out: Path) -> list[tuple[int, int, str]]:
-    runs = run_states.read(out / TASK).runs
+    runs = folder_states.read(out / TASK).runs
     return [(run.subgoal_layers, run.seed, run.state) for run in runs]
 
 
@@ -77,9 +80,10 @@ def test_what_the_latest_launch_was_not_for_is_done_by_its_own_periods(tmp_path)
 
 LAUNCH = """
 import sys
-from launch import command_line, experiment
+from launch import experiment
+from launch.asking import request
 from tests.launch import fake_jobs
-experiment.run(command_line.parse(sys.argv), sys.argv, work=fake_jobs.train_for_ever)
+experiment.run(request.parse(sys.argv), sys.argv, work=fake_jobs.train_for_ever)
 """
 
 
@@ -96,7 +100,7 @@ def test_a_running_experiment_and_the_same_one_killed(tmp_path, capsys):
         queued = folder.checkpoint(0, 1)  # begun in an earlier launch, as it were
         queued.mkdir(parents=True)
         (queued / "000000300.json").write_text("{}")
-        state = run_states.read(folder.path)
+        state = folder_states.read(folder.path)
         assert state.holder is not None and state.holder["pid"] == process.pid
         assert [run.state for run in state.runs] == ["waiting", "waiting", "running", "running"]
         headline = said(folder.path, capsys)[0]
@@ -146,7 +150,7 @@ def folder_with(out: Path, measured: dict[tuple[int, int], list[float]], workers
     ],
 )
 def test_the_time_left(tmp_path, measured, workers, left):
-    state = run_states.read(folder_with(tmp_path, measured, workers))
+    state = folder_states.read(folder_with(tmp_path, measured, workers))
     assert state.seconds_left == (None if left is None else pytest.approx(left, rel=0.01))
 
 

@@ -1,0 +1,1 @@
+"""Reads the files of run folders; what is wrong with one is said in one line."""

@@ -1,0 +1,102 @@
+"""Reads anatomy.json: one recorded episode of each of a task's agents, with all its subgoals."""
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from analysis.reading.subgoals import recording_command
+
+ANATOMY_FILE = "anatomy.json"
+
+_BAD_FILE = "{path}: not a record of episodes ({error}); record it anew with `{command}`"
+
+
+@dataclass(frozen=True)
+class Space:
+    """A goal space: what its dimensions are, and how near counts as achieved."""
+
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    threshold: tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class Subgoal:
+    """A subgoal, what its outcome was, and the steps from its proposal to that."""
+
+    level: int  # that proposed it
+    step: int
+    end_step: int
+    outcome: str  # "achieved", "missed" or "cut short"
+    point: np.ndarray  # [H]
+
+
+@dataclass(frozen=True)
+class Episode:
+    """One recorded test episode of an agent."""
+
+    task: str
+    subgoal_layers: int
+    seed: int
+    success: bool
+    goal: np.ndarray  # [G]
+    path: np.ndarray  # [steps + 1, H]
+    subgoals: tuple[Subgoal, ...]
+    subgoal_space: Space
+    goal_space: Space
+
+    @property
+    def steps(self) -> int:
+        """Actions taken."""
+        return len(self.path) - 1
+
+    def of_level(self, level: int) -> list[Subgoal]:
+        """The subgoals that a level proposed, in the order of time."""
+        return [subgoal for subgoal in self.subgoals if subgoal.level == level]
+
+    def goal_in(self, dimension: int) -> tuple[float, float] | None:
+        """The goal and its threshold in a dimension of the subgoal space; None if it has none."""
+        name = self.subgoal_space.names[dimension]
+        if name not in self.goal_space.names:
+            return None
+        index = self.goal_space.names.index(name)
+        return float(self.goal[index]), self.goal_space.threshold[index]
+
+
+def load_episodes(folder: Path, task: str) -> list[Episode]:
+    """The recorded episodes of a task, one of each agent.
+
+    Raises:
+      FileNotFoundError: `folder` holds no anatomy.json.
+      ValueError: it is damaged; the message says how to make it.
+    """
+    path = Path(folder) / ANATOMY_FILE
+    text = path.read_text(encoding="utf-8")
+    try:
+        record = json.loads(text)
+        spaces = {name: _space(record[name]) for name in ("subgoal_space", "goal_space")}
+        return [_episode(record["task"], spaces, item) for item in record["episodes"]]
+    except (KeyError, TypeError, ValueError) as error:
+        command = recording_command(task, folder)
+        raise ValueError(_BAD_FILE.format(path=path, error=repr(error), command=command)) from error
+
+
+def _space(item: dict[str, Any]) -> Space:
+    return Space(tuple(item["names"]), tuple(item["units"]), tuple(item["threshold"]))
+
+
+def _episode(task: str, spaces: dict[str, Space], item: dict[str, Any]) -> Episode:
+    subgoals = tuple(
+        Subgoal(s["level"], s["step"], s["end_step"], s["outcome"], np.array(s["subgoal"]))
+        for s in item["subgoals"]
+    )
+    path = np.array(item["path"], dtype=float)
+    if path.ndim != 2 or path.shape[1] != len(spaces["subgoal_space"].names):
+        raise ValueError("the path is not one of points of the subgoal space")
+    return Episode(
+        task, item["subgoal_layers"], item["seed"], item["success"], np.array(item["goal"]),
+        path, subgoals, **spaces,
+    )  # fmt: skip

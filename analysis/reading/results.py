@@ -1,0 +1,149 @@
+"""Reads results.csv of one or several run folders into one tidy table, or says what is wrong."""
+
+import csv
+import io
+import warnings
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from analysis.reading import schema
+
+RESULTS_FILE = "results.csv"
+
+_LARGEST_WHOLE = 2**53
+_SHARES = {
+    schema.level_column(level, field)
+    for level in range(schema.MAX_LEVELS)
+    for field in schema.SHARES
+}
+_MISSING_FILE = (
+    "{path}: no results.csv here; give a run folder such as runs/pick_place, or the file"
+)
+_NO_ROWS = "{path}: holds no results yet (no complete row)"
+_MISSING_COLUMNS = "{path}: lacks the column(s) {names}"
+_REPEATED_COLUMNS = "{path}: names the column(s) {names} twice"
+_WRONG_LENGTH = "{path}, line {line}: {got} values where the header names {expected} columns"
+_BAD_VALUE = "{path}, line {line}: {column} is {value!r}, not {expected}"
+_DUPLICATES = "results hold more than one row for {rows}; was a run folder given twice?"
+_CUT_SHORT = "{path}: the last line has no line end, so it was cut short in writing; dropped"
+
+
+class NoResults(ValueError):
+    """A results.csv without a complete row: its first test period is still to come."""
+
+
+def load(paths: str | Path | Sequence[str | Path]) -> pd.DataFrame:
+    """Loads results: a row per (task, subgoal_layers, seed, period), sorted by these.
+
+    Args:
+      paths: a run folder, a results.csv, or several of either. Columns beyond the schema are kept.
+
+    Raises:
+      FileNotFoundError: no results.csv at a path.
+      NoResults: a file has no complete row.
+      ValueError: a file lacks columns or holds a value that cannot be, or two rows are of the same
+        task, agent, seed and period. A cut last line only warns.
+    """
+    if isinstance(paths, str | Path):
+        paths = [paths]
+    if not paths:
+        raise ValueError("no run folder given")
+    results = pd.concat([_load_file(results_file(path)) for path in paths], ignore_index=True)
+    _check_unique(results)
+    return results.sort_values(list(schema.KEY), ignore_index=True)
+
+
+def results_file(path: str | Path) -> Path:
+    """The results.csv that `path` names: itself, or the one in that run folder."""
+    path = Path(path)
+    if path.is_dir():
+        path = path / RESULTS_FILE
+    if not path.is_file():
+        raise FileNotFoundError(_MISSING_FILE.format(path=path))
+    return path
+
+
+def _load_file(path: Path) -> pd.DataFrame:
+    header, rows = _read_rows(path)
+    repeated = sorted({name for name in header if header.count(name) > 1})
+    if repeated:
+        raise ValueError(_REPEATED_COLUMNS.format(path=path, names=", ".join(repeated)))
+    missing = [name for name in schema.CORE_COLUMNS if name not in header]
+    if missing:
+        raise ValueError(_MISSING_COLUMNS.format(path=path, names=", ".join(missing)))
+    if not rows:
+        raise NoResults(_NO_ROWS.format(path=path))
+    for line, row in rows.items():
+        if len(row) != len(header):
+            message = _WRONG_LENGTH.format(path=path, line=line, got=len(row), expected=len(header))
+            raise ValueError(message)
+    # The index holds line numbers until the values are checked, to name the line of a bad one.
+    table = pd.DataFrame.from_dict(rows, orient="index", columns=header, dtype=object)
+    return _convert(table, path)
+
+
+def _read_rows(path: Path) -> tuple[list[str], dict[int, list[str]]]:
+    """The header and the rows by line number, without blank lines and a cut last line."""
+    try:
+        text = path.read_text(encoding="utf-8")
+        if text and not text.endswith("\n"):
+            # Even with all its commas, the last line's last number may have lost digits.
+            warnings.warn(_CUT_SHORT.format(path=path), stacklevel=2)
+            text = text[: text.rfind("\n") + 1]
+        reader = csv.reader(io.StringIO(text), strict=True)
+        header = next(reader, [])
+        numbered = [(reader.line_num, row) for row in reader if row]
+    except (UnicodeDecodeError, csv.Error) as error:
+        raise ValueError(f"{path}: not a results.csv ({error})") from error
+    if not header:
+        raise NoResults(_NO_ROWS.format(path=path))
+    return header, dict(numbered)
+
+
+def _convert(table: pd.DataFrame, path: Path) -> pd.DataFrame:
+    """Gives each column its type; empty diagnostics become NaN."""
+    known = set(schema.CORE_COLUMNS + schema.RESULTS_COLUMNS) - {"task"}
+    for column in table.columns:
+        numbers = pd.to_numeric(table[column], errors="coerce").astype(float)
+        unreadable = numbers.isna() & ~table[column].str.strip().str.lower().isin(["", "nan"])
+        if column in known:
+            _check(~unreadable, table[column], path, "a number")
+        if column in known or not unreadable.any():
+            _check_range(numbers, table[column], path)
+            table[column] = numbers
+    _check(table["task"].astype(str).str.strip() != "", table["task"], path, "a task's name")
+    table["task"] = table["task"].astype(str)
+    return table.astype(dict.fromkeys(schema.WHOLE_NUMBERS, "int64")).reset_index(drop=True)
+
+
+def _check_range(numbers: pd.Series, written: pd.Series, path: Path) -> None:
+    if numbers.name in schema.WHOLE_NUMBERS:
+        whole = (numbers >= 0) & (numbers < _LARGEST_WHOLE) & (np.floor(numbers) == numbers)
+        _check(whole, written, path, "a whole number of at least 0")
+    elif numbers.name == "success_rate":
+        _check(numbers.between(0, 1), written, path, "a rate from 0 to 1")
+    elif numbers.name in _SHARES:
+        _check(numbers.between(0, 1) | numbers.isna(), written, path, "empty or a share of 1")
+
+
+def _check(valid: pd.Series, written: pd.Series, path: Path, expected: str) -> None:
+    if not valid.all():
+        line = valid.index[~valid][0]
+        message = _BAD_VALUE.format(
+            path=path, line=line, column=written.name, value=written[line], expected=expected
+        )
+        raise ValueError(message)
+
+
+def _check_unique(results: pd.DataFrame) -> None:
+    doubled = results[results.duplicated(list(schema.KEY))]
+    if len(doubled):
+        rows = [
+            f"{row.task}, {row.subgoal_layers} subgoal layers, seed {row.seed}, period {row.period}"
+            for row in doubled.head(3).itertuples()
+        ]
+        more = f" and {len(doubled) - 3} more" if len(doubled) > 3 else ""
+        raise ValueError(_DUPLICATES.format(rows="; ".join(rows) + more))

@@ -1,0 +1,100 @@
+"""Comparing agents over seeds: bootstrap intervals, exact permutation tests, Holm's correction.
+
+Samples are [seeds]; the seed is the unit throughout. Resampling and permuting stay within the
+strata, the seeds of one agent on one task. Sources: scipy.stats.
+"""
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from scipy import stats
+
+from analysis.statistics.seeds import CONFIDENCE, Bounds, bootstrap
+
+# Up to eight seeds against eight are permuted in every possible way, more at random.
+_PERMUTATIONS = 20_000
+
+
+def contrast(samples: Sequence[np.ndarray], weights: Sequence[float]) -> tuple[float, float, float]:
+    """The weighted sum of the strata's means, with its stratified bootstrap interval."""
+
+    def weighted(*parts: np.ndarray, axis: int = -1) -> np.ndarray:
+        return sum(w * part.mean(axis=axis) for w, part in zip(weights, parts, strict=True))
+
+    return float(weighted(*samples)), *bootstrap(samples, weighted)
+
+
+def probability_of_improvement(new: np.ndarray, old: np.ndarray, axis: int = -1) -> np.ndarray:
+    """P(new > old) + P(new = old) / 2 of two seeds drawn at random, from [..., n] and [..., m]."""
+    new, old = np.moveaxis(new, axis, -1), np.moveaxis(old, axis, -1)
+    gain = np.sign(new[..., :, None] - old[..., None, :])
+    return (1 + gain.mean(axis=(-2, -1))) / 2
+
+
+def rank_p(new: np.ndarray, old: np.ndarray) -> float:
+    """Two-sided p of Mann and Whitney's test; 1 where all tie."""
+    if np.ptp(np.concatenate([new, old])) == 0:
+        return 1.0
+    return float(stats.mannwhitneyu(new, old).pvalue)
+
+
+def permutation_p(new: np.ndarray, old: np.ndarray) -> float:
+    """Two-sided p of a difference in means between independent seeds; 1 where all tie."""
+
+    def difference(x: np.ndarray, y: np.ndarray, axis: int = -1) -> np.ndarray:
+        return x.mean(axis=axis) - y.mean(axis=axis)
+
+    return _permuted((new, old), difference, "independent")
+
+
+def sign_flip_p(changes: np.ndarray) -> float:
+    """Two-sided p of a mean change within seeds, from flipping the signs of [n] changes."""
+    return _permuted((changes, np.zeros_like(changes)), _mean_difference, "samples")
+
+
+def _mean_difference(x: np.ndarray, y: np.ndarray, axis: int = -1) -> np.ndarray:
+    return (x - y).mean(axis=axis)
+
+
+def _permuted(samples: tuple, statistic: Callable[..., np.ndarray], kind: str) -> float:
+    if min(map(len, samples)) < 2 or np.ptp(np.concatenate(samples)) == 0:
+        return 1.0
+    found = stats.permutation_test(
+        samples,
+        statistic,
+        permutation_type=kind,
+        vectorized=True,
+        n_resamples=_PERMUTATIONS,
+        rng=np.random.default_rng(0),
+    )
+    return float(found.pvalue)
+
+
+def log_rank_p(new: np.ndarray, old: np.ndarray, budget: float) -> float:
+    """Two-sided log-rank p of times [n] and [m]; those beyond `budget` are censored there."""
+    if (new > budget).all() and (old > budget).all():
+        return 1.0
+    with np.errstate(invalid="ignore"):  # 0 / 0 where all seeds tie
+        found = stats.logrank(*(_censored(times, budget) for times in (new, old)))
+    return 1.0 if np.isnan(found.pvalue) else float(found.pvalue)
+
+
+def _censored(times: np.ndarray, budget: float) -> stats.CensoredData:
+    late = times > budget
+    return stats.CensoredData(uncensored=times[~late], right=np.full(late.sum(), budget))
+
+
+def share_bounds(successes: int, n: int) -> Bounds:
+    """95% interval of a share, exact (Clopper and Pearson): 0 of 10 is not certainly 0."""
+    found = stats.binomtest(successes, n).proportion_ci(CONFIDENCE, method="exact")
+    return float(found.low), float(found.high)
+
+
+def holm(p_values: Sequence[float]) -> list[float]:
+    """Holm's adjusted p values: below alpha, they are so jointly for the whole family."""
+    adjusted = np.zeros(len(p_values))
+    highest = 0.0
+    for rank, index in enumerate(np.argsort(p_values, kind="stable")):
+        highest = max(highest, min(1.0, (len(p_values) - rank) * p_values[index]))
+        adjusted[index] = highest
+    return adjusted.tolist()

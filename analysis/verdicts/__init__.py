@@ -1,0 +1,1 @@
+"""The paper's claims, judged from results: quantities, intervals and rules."""

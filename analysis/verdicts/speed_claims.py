@@ -1,0 +1,161 @@
+"""Claims of section 4.2 about which agents learn faster, judged from results.csv."""
+
+from collections.abc import Iterable, Mapping, Sequence
+
+import numpy as np
+import pandas as pd
+
+from analysis.reading import paper
+from analysis.statistics import comparison
+from analysis.statistics.seeds import SOLVED, bootstrap
+from analysis.verdicts import evidence
+from analysis.verdicts.evidence import Claim, Evidence
+
+Grid = Mapping[str, pd.DataFrame]  # results by task
+
+_AREA = "area under the success curve, gain"
+_IMPROVEMENT = "probability of improvement"
+_EPISODES = f"episodes to {SOLVED:.0%}, saved"
+
+
+def beats_flat(grid: Grid) -> Claim:
+    """Claim (a)."""
+    pairs = [(task, layers, 0) for task in paper.TITLES for layers in (1, 2)]
+    statement = "On every task, agents with 1 and with 2 subgoal layers learn faster than with 0."
+    return _speed_claim("a", statement, grid, pairs)
+
+
+def deeper_is_faster(grid: Grid) -> Claim:
+    """Claim (c)."""
+    pairs = [(task, 2, 1) for task in paper.TITLES]
+    statement = (
+        "On every task but pick-and-place, agents with 2 subgoal layers learn faster than with 1."
+    )
+    return _speed_claim("c", statement, grid, pairs, exceptions=("pick_place",))
+
+
+def _speed_claim(
+    letter: str,
+    statement: str,
+    grid: Grid,
+    pairs: Sequence[tuple[str, int, int]],
+    exceptions: Sequence[str] = (),
+) -> Claim:
+    """That the first of each pair of agents learns faster than the second."""
+    present = [
+        (t, new, old) for t, new, old in pairs if t in grid and {new, old} <= _agents(grid[t])
+    ]
+    compared = [_compare(task, grid[task], new, old) for task, new, old in present]
+    gains = evidence.judge_gains([gain for gain, *_ in compared])
+    listed = [e for gain, (_, *more) in zip(gains, compared, strict=True) for e in (gain, *more)]
+    counted = [gain for gain in gains if gain.task not in exceptions]
+    absent = _absent([pair for pair in pairs if pair[0] not in exceptions], present)
+    pooled = [pair for pair in present if pair[0] not in exceptions]
+    return Claim(
+        letter,
+        statement,
+        evidence.overall((gain.verdict for gain in counted), absent),
+        evidence.count(counted, absent) + _about_exceptions(gains, exceptions) + _about_cuts(grid),
+        _pooled_gain(grid, pooled) if pooled else None,
+        tuple(listed),
+    )
+
+
+def _absent(
+    pairs: Sequence[tuple[str, int, int]], present: Sequence[tuple[str, int, int]]
+) -> list[str]:
+    """Names of the pairs without data; just the task where all of its pairs are."""
+    some = {task for task, *_ in present}
+    names = [
+        f"{task} {new} against {old}" if task in some else task
+        for task, new, old in pairs
+        if (task, new, old) not in present
+    ]
+    return list(dict.fromkeys(names))
+
+
+def _about_exceptions(gains: Iterable[Evidence], exceptions: Sequence[str]) -> str:
+    parts = [f"; not counted: {g.task}, {g.verdict}" for g in gains if g.task in exceptions]
+    return "".join(parts)
+
+
+def _about_cuts(grid: Grid) -> str:
+    """Names tasks in which a seed ended before the others, and with it what is compared."""
+    parts = []
+    for task, results in grid.items():
+        budget, longest = common_budget(results), results["train_episodes"].max()
+        if budget < longest:
+            parts.append(f"; {task} compared over {budget} of {longest} episodes, a seed's last")
+    return "".join(parts)
+
+
+def _compare(task: str, results: pd.DataFrame, new: int, old: int) -> tuple[Evidence, ...]:
+    """Area, probability of improvement and episodes to 80% of agent `new` against `old`."""
+    pair = areas(results, new), areas(results, old)
+    seeds = tuple(map(len, pair))
+    agents = f"{new} against {old}"
+    improvement = comparison.probability_of_improvement
+    budget = common_budget(results)
+    times = episodes_to_solved(results, new), episodes_to_solved(results, old)
+    spent = [np.minimum(own, budget) for own in times]
+    gain = comparison.contrast(pair, (1, -1))
+    saved = comparison.contrast(spent, (-1, 1))
+    return (
+        Evidence(task, agents, _AREA, "points", seeds, *gain, comparison.permutation_p(*pair)),
+        Evidence(
+            task, agents, _IMPROVEMENT, "share", seeds,
+            float(improvement(*pair)), *bootstrap(pair, improvement),
+            comparison.rank_p(*pair),
+        ),
+        Evidence(
+            task, agents, _EPISODES, "episodes", seeds,
+            *saved, comparison.log_rank_p(*times, budget),
+        ),
+    )  # fmt: skip
+
+
+def _pooled_gain(grid: Grid, pairs: Sequence[tuple[str, int, int]]) -> Evidence:
+    """The mean gain in area over pairs, resampled within each task and agent."""
+    weights: dict[tuple[str, int], float] = {}
+    for task, new, old in pairs:
+        for layers, sign in ((new, 1), (old, -1)):
+            weights[task, layers] = weights.get((task, layers), 0.0) + sign / len(pairs)
+    samples = [areas(grid[task], layers) for task, layers in weights]
+    agents = ", ".join(dict.fromkeys(f"{new} against {old}" for _, new, old in pairs))
+    value = comparison.contrast(samples, list(weights.values()))
+    return Evidence(
+        evidence.named(task for task, *_ in pairs),
+        agents, f"mean {_AREA}", "points", (sum(map(len, samples)),), *value,
+    )  # fmt: skip
+
+
+def areas(results: pd.DataFrame, layers: int) -> np.ndarray:
+    """Area under each seed's success curve, [seeds], as a share of the largest one possible.
+
+    Curves are cut where the task's first seed ends, so that all have had the same training.
+    """
+    budget = common_budget(results)
+    own = results[(results["subgoal_layers"] == layers) & (results["train_episodes"] <= budget)]
+    return np.array(
+        [
+            np.trapezoid(curve["success_rate"], curve["train_episodes"] / budget)
+            for _, curve in own.groupby("seed")
+        ]
+    )
+
+
+def common_budget(results: pd.DataFrame) -> int:
+    """Training episodes that all seeds of a task have behind them."""
+    return int(results.groupby(["subgoal_layers", "seed"])["train_episodes"].max().min())
+
+
+def episodes_to_solved(results: pd.DataFrame, layers: int) -> np.ndarray:
+    """Training episodes until each seed's tests first succeed to 80%, [seeds]; inf for never."""
+    own = results[results["subgoal_layers"] == layers]
+    solved = own["train_episodes"].where(own["success_rate"] >= SOLVED, np.inf)
+    return solved.groupby(own["seed"]).min().to_numpy(dtype=float)
+
+
+def _agents(results: pd.DataFrame) -> set[int]:
+    """Agents whose training has begun, for every seed of the task."""
+    return set(results["subgoal_layers"]) if common_budget(results) else set()

@@ -1,0 +1,236 @@
+"""Algorithm 2 and hindsight goals: a round's record becomes what each level learns from."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from hac_suite.algorithm.record import LevelRecord, Round
+from hac_suite.config import Config
+from hac_suite.types import GoalSpace
+
+REGULAR, PENALTY, HINDSIGHT = 0, 1, 2
+
+
+class Transitions(NamedTuple):
+    """M transitions of one level, in natural units but for the action."""
+
+    env: np.ndarray  # int [M]: the environment it happened in
+    kind: np.ndarray  # int [M]: REGULAR, PENALTY or HINDSIGHT
+    observation: np.ndarray  # [M, D]
+    action: np.ndarray  # [M, A] in [-1, 1] (a hindsight action may lie beyond)
+    reward: np.ndarray  # [M]
+    next_observation: np.ndarray  # [M, D]
+    goal: np.ndarray  # [M, G]
+    discount: np.ndarray  # [M]: gamma_g, 0 where the goal was achieved
+
+
+class _Attempts(NamedTuple):
+    """The completed attempts of one level, in order of environment, then time."""
+
+    env: np.ndarray
+    time: np.ndarray
+    start: np.ndarray
+    action: np.ndarray  # achieved, or the hindsight action
+    goal: np.ndarray
+    reached: np.ndarray
+
+
+def build(
+    recorded: Round,
+    config: Config,
+    horizons: tuple[int, ...],
+    hindsight_draws: list[np.ndarray],
+    goal_space: GoalSpace,
+    subgoal_space: GoalSpace,
+) -> list[Transitions]:
+    """The transitions of every level, lowest first (Algorithm 2 and Section 3.3).
+
+    Args:
+        hindsight_draws: per level [N, H, K] in [0, 1).
+
+    Within a level they come as regular, penalty, hindsight; each by environment, then time.
+    """
+    top = len(horizons) - 1
+    built = []
+    for level, record in enumerate(recorded.levels):
+        attempts = _attempts(recorded, record, level, config, subgoal_space)
+        parts = [_regular(recorded, attempts, config.discount)]
+        if level:
+            parts.append(_penalties(recorded, record, attempts, horizons[level], config))
+        if config.hindsight_goals:
+            achieved = recorded.achieved_goal if level == top else recorded.achieved_subgoal
+            space = goal_space if level == top else subgoal_space
+            draws = hindsight_draws[level]
+            parts.append(_hindsight(recorded, record, attempts, achieved, space, draws, config))
+        built.append(Transitions(*map(np.concatenate, zip(*parts, strict=True))))
+    return built
+
+
+def penalised(record: LevelRecord, config: Config) -> np.ndarray:
+    """bool [H, N]: attempts of a subgoal level that failed their test (Section 3.2).
+
+    One cut short by a higher goal or by the horizon is no evidence that the subgoal was out of
+    reach.
+    """
+    failed = record.done & record.tested & ~record.hit
+    return failed if config.penalise_cut_short else failed & record.exhausted
+
+
+def _attempts(
+    recorded: Round, record: LevelRecord, level: int, config: Config, space: GoalSpace
+) -> _Attempts:
+    env, time = np.nonzero(record.done.T)
+    action = record.output[time, env]
+    if level and config.hindsight_actions:
+        achieved = space.normalise(recorded.achieved_subgoal[time + 1, env])
+        action = np.where(record.hit[time, env][:, None], action, achieved)
+    return _Attempts(
+        env=env,
+        time=time,
+        start=record.start[time, env],
+        action=action,
+        goal=record.goal[time, env],
+        reached=record.reached[time, env],
+    )
+
+
+def _regular(recorded: Round, attempts: _Attempts, discount: float) -> Transitions:
+    """Did the attempt, as achieved, achieve the level's goal?"""
+    return _transitions(recorded, attempts, REGULAR, attempts.goal, attempts.reached, discount)
+
+
+def _transitions(
+    recorded: Round,
+    attempts: _Attempts,
+    kind: int,
+    goal: np.ndarray,
+    reached: np.ndarray,
+    discount: float,
+) -> Transitions:
+    return Transitions(
+        env=attempts.env,
+        kind=np.full(len(attempts.env), kind),
+        observation=recorded.observation[attempts.start, attempts.env],
+        action=attempts.action,
+        reward=np.where(reached, 0.0, -1.0),
+        next_observation=recorded.observation[attempts.time + 1, attempts.env],
+        goal=goal,
+        discount=np.where(reached, 0.0, discount),
+    )
+
+
+def _penalties(
+    recorded: Round, record: LevelRecord, attempts: _Attempts, t_i: int, config: Config
+) -> Transitions:
+    """The proposed subgoal itself, at -T_i and gamma = 0, where it failed its test."""
+    failed = penalised(record, config)[attempts.time, attempts.env]
+    failures = _Attempts(*(field[failed] for field in attempts))
+    failures = failures._replace(action=record.output[failures.time, failures.env])
+    penalties = _transitions(
+        recorded, failures, PENALTY, failures.goal, np.ones(len(failures.env), bool), 0.0
+    )
+    return penalties._replace(reward=np.full(len(failures.env), -float(t_i)))
+
+
+def _hindsight(
+    recorded: Round,
+    record: LevelRecord,
+    attempts: _Attempts,
+    achieved: np.ndarray,
+    space: GoalSpace,
+    draws: np.ndarray,
+    config: Config,
+) -> Transitions:
+    """Copies of each segment under goals that were achieved within it."""
+    ends = np.flatnonzero(record.segment_end[attempts.time, attempts.env])
+    first = _segment_starts(ends, attempts.env)
+    by_transition = config.hindsight_relabels in ("future", "pairs")
+    find = _copies_of_each if by_transition else _copies_of_segments
+    at, start, picked = find(attempts, first, ends, draws, config)
+    goal = achieved[attempts.time[picked] + 1, attempts.env[picked]]
+    if config.drop_held_hindsight:
+        before = achieved[attempts.start[start], attempts.env[start]]
+        new = ~space.achieved(before, goal)
+        at, goal = at[new], goal[new]
+    copies = _Attempts(*(field[at] for field in attempts))
+    reached = space.achieved(achieved[copies.time + 1, copies.env], goal)
+    return _transitions(recorded, copies, HINDSIGHT, goal, reached, config.discount)
+
+
+_Copies = tuple[np.ndarray, np.ndarray, np.ndarray]
+"""Indices of attempts, one a copy: the copied one, its segment's first, the picked one."""
+
+
+def _copies_of_segments(
+    attempts: _Attempts, first: np.ndarray, ends: np.ndarray, draws: np.ndarray, config: Config
+) -> _Copies:
+    """K picks for each segment (Section 3.3): a picked state's goal relabels many transitions.
+
+    Worked example: attempts of a segment at positions 0..4 (length 5), draws .3 and .7: picks 1
+    and 3; copies are made of positions 0..1 under the goal achieved at 1, and of 0..3 under the
+    goal achieved at 3.
+    """
+    picks = _picks(draws[attempts.env[ends], attempts.time[ends]], ends - first + 1, config)
+    segment, column = np.nonzero(_first_of_each(picks))
+    start, picked = first[segment], first[segment] + picks[segment, column]
+    until = picked if config.hindsight_relabels == "preceding" else ends[segment]
+    at, of = _ranges(start, until + 1)
+    return at, start[of], picked[of]
+
+
+def _copies_of_each(
+    attempts: _Attempts, first: np.ndarray, ends: np.ndarray, draws: np.ndarray, config: Config
+) -> _Copies:
+    """K picks for each transition, from what came at or after it in its segment (HER's `future`).
+
+    Worked example: a segment at positions 0..4, the transition at 2, draws .1 and .7: 3 positions
+    are left, so the picks are 2 and 4. With `pairs` each draw names one of the 15 pairs of a
+    transition and a later one instead, all of them equally likely.
+    """
+    at, of = _ranges(first, ends + 1)
+    start, chance = first[of], draws[attempts.env[at], attempts.time[at]]
+    if config.hindsight_relabels == "future":
+        picked = at[:, None] + np.floor(chance * (ends[of] - at + 1)[:, None]).astype(np.int64)
+    else:
+        length = (ends[of] - start + 1)[:, None]
+        pair = np.floor(chance * (length * (length + 1) // 2)).astype(np.int64)
+        later = ((np.sqrt(8 * pair + 1) - 1) // 2).astype(np.int64)
+        picked = start[:, None] + later
+        at = start[:, None] + pair - later * (later + 1) // 2
+    at, start, picked = np.broadcast_arrays(
+        at if at.ndim == 2 else at[:, None], start[:, None], picked
+    )
+    return at.ravel(), start.ravel(), picked.ravel()
+
+
+def _segment_starts(ends: np.ndarray, env: np.ndarray) -> np.ndarray:
+    """Index of the first attempt of each segment that ends at `ends`.
+
+    A segment begins after the previous one of its environment; attempts left open by a divergence
+    are the last of theirs, and belong to none.
+    """
+    starts_of_env = np.searchsorted(env, env[ends])
+    previous = np.concatenate([[-1], ends[:-1]]) if len(ends) else ends
+    return np.maximum(starts_of_env, previous + 1)
+
+
+def _picks(draws: np.ndarray, length: np.ndarray, config: Config) -> np.ndarray:
+    """Positions within segments [segments, K]."""
+    picks = np.floor(draws * length[:, None]).astype(np.int64)
+    if config.hindsight_pick_last:
+        picks[:, -1] = length - 1
+    return picks
+
+
+def _first_of_each(picks: np.ndarray) -> np.ndarray:
+    """bool [segments, K]: False where an earlier column holds the same pick."""
+    same = picks[:, :, None] == picks[:, None, :]
+    return ~np.tril(same, k=-1).any(axis=2)
+
+
+def _ranges(first: np.ndarray, stop: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Concatenated ranges first[k]..stop[k]-1, and the k each index came from."""
+    lengths = stop - first
+    of = np.repeat(np.arange(len(first)), lengths)
+    offsets = np.concatenate([[0], np.cumsum(lengths)[:-1]]) if len(first) else lengths
+    return np.arange(len(of)) - offsets[of] + first[of], of

@@ -1,0 +1,300 @@
+"""The training loop: rounds of episodes and updates, and a test period every so often."""
+
+import time
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+import torch
+
+from hac_suite.algorithm import exploration
+from hac_suite.algorithm.exploration import Purpose
+from hac_suite.algorithm.hierarchy import collect
+from hac_suite.config import Config
+from hac_suite.policy import Policy
+from hac_suite.state import SeedState, restoring
+from hac_suite.training.evaluation import EpisodeStats
+from hac_suite.training.population import Population
+from hac_suite.training.tally import Tally
+from hac_suite.types import VectorEnv
+
+
+class Progress(NamedTuple):
+    """Where a training stands after a round of episodes."""
+
+    train_episodes: int  # per seed
+    total_episodes: int
+    success_rate: float  # of the last test period, mean over seeds
+
+
+class Boundary(NamedTuple):
+    """A moment between rounds, at which a training can be saved and gone on with later."""
+
+    train_episodes: int  # per seed
+    tested: bool  # a test period has just ended, and its result been taken
+    states: Callable[[], Iterator[SeedState]]  # of each seed, to be used before this returns
+
+
+class Lost(NamedTuple):
+    """A seed that has stopped: a weight of its networks is no longer a number."""
+
+    seed: int
+    level: int  # the lowest with such a weight
+    updates: int  # of that level, when it was found
+    train_episodes: int
+
+    def __str__(self) -> str:
+        return (
+            f"a weight of level {self.level} was no finite number after {self.updates} updates "
+            f"({self.train_episodes} training episodes)"
+        )
+
+
+class PeriodResult(NamedTuple):
+    """A test period of every seed that is still in training."""
+
+    period: int
+    rows: list[dict[str, Any]]  # per seed, the columns of results.csv but for the task
+    policies: list[Policy]  # per seed, as tested
+
+
+def train(
+    make_env: Callable[[int], VectorEnv],
+    config: Config,
+    seeds: Sequence[int],
+    *,
+    subgoal_layers: int,
+    horizons: tuple[int, ...],
+    periods: int,
+    on_progress: Callable[[Progress], None] | None = None,
+    device: torch.device | str = "cpu",
+    start: Iterable[SeedState] | None = None,
+    on_boundary: Callable[[Boundary], None] | None = None,
+    on_lost: Callable[[Lost], None] | None = None,
+) -> Iterator[PeriodResult]:
+    """Trains one agent per seed; yields each test period, the untrained one (period 0) first.
+
+    A seed's results depend on nothing but the seed, the config and the task: not on the other
+    seeds, and not on whether it was trained in one go.
+
+    Args:
+        make_env: makes a vectorised environment of the given size.
+        horizons: (T_0, ..., T_n), n = subgoal_layers.
+        device: where the agents learn; "cuda" takes a round of updates as one CUDA graph.
+        start: the seeds' states at an earlier boundary, all of the same episode: the training
+            goes on from there, with the test period that comes next. Taken one by one, since
+            they are large.
+        on_boundary: called after each round and test period but the last.
+        on_lost: called for a seed whose weights are no longer finite, which stops it; the others
+            go on as if it had never been there. The training ends with its last seed.
+
+    Raises:
+        ValueError: seeds repeat, horizons do not match subgoal_layers, or `start` is not of these
+            seeds and this config.
+    """
+    if len(set(seeds)) != len(seeds) or not seeds:
+        raise ValueError(f"Seeds must be given and differ from each other: {list(seeds)}.")
+    if len(horizons) != subgoal_layers + 1:
+        raise ValueError(f"{subgoal_layers} subgoal layers need {subgoal_layers + 1} horizons.")
+    training = _Training(make_env, config, tuple(seeds), horizons, device)
+    if start is not None:
+        training.restore(start)
+    return training.run(periods, on_progress, on_boundary, on_lost)
+
+
+class _Training:
+    """The state of one training: its population, environments and counters."""
+
+    def __init__(
+        self,
+        make_env: Callable[[int], VectorEnv],
+        config: Config,
+        seeds: tuple[int, ...],
+        horizons: tuple[int, ...],
+        device: torch.device | str,
+    ):
+        self._config, self._horizons = config, horizons
+        self._make_env, self._device = make_env, device
+        self._begin(seeds)
+
+    def _begin(self, seeds: tuple[int, ...]) -> None:
+        config = self._config
+        self._seeds = seeds
+        self._env = self._make_env(len(seeds) * config.episodes_per_round)
+        self._test_env = self._make_env(len(seeds) * config.test_episodes)
+        self._population = Population(self._env, config, self._horizons, seeds, self._device)
+        self._test_seeds = self._episode_seeds(Purpose.TEST_EPISODE, 0, config.test_episodes)
+        self._episodes = 0
+        self._steps = np.zeros(len(seeds), np.int64)
+        self._tally = self._new_tally()
+        self._rows: list[list[dict[str, Any]]] = [[] for _ in seeds]  # of the periods so far
+        self._started = time.monotonic()
+        self._earlier = np.zeros(len(seeds))  # seconds before that, in earlier processes
+
+    def _new_tally(self) -> Tally:
+        return Tally(len(self._seeds), len(self._horizons))
+
+    def _episode_seeds(self, purpose: Purpose, first: int, count: int) -> np.ndarray:
+        return np.concatenate(
+            [exploration.episode_seeds(seed, purpose, first, count) for seed in self._seeds]
+        )
+
+    def _seconds(self) -> np.ndarray:
+        """How long each seed has been trained."""
+        return self._earlier + (time.monotonic() - self._started)
+
+    def states(self) -> Iterator[SeedState]:
+        """Of each seed, one after the other."""
+        # Read once: seeds that are trained side by side stand at one time.
+        seconds = self._seconds()
+        for index, seed in enumerate(self._seeds):
+            learnt = self._population.state(index)
+            own = {
+                "seed": seed,
+                "train_episodes": self._episodes,
+                "train_steps": int(self._steps[index]),
+                "seconds": float(seconds[index]),
+                "tally": self._tally.state(index),
+                "rows": list(self._rows[index]),
+            }
+            yield SeedState(learnt.tensors, {**learnt.numbers, **own})
+
+    def restore(self, states: Iterable[SeedState]) -> None:
+        """Becomes what gave these states, one for each seed.
+
+        Raises:
+            ValueError: they are of other seeds, or of another config, or not of one episode.
+        """
+        with restoring():
+            episodes = set()
+            for index, (seed, state) in enumerate(zip(self._seeds, states, strict=True)):
+                numbers = state.numbers
+                if numbers["seed"] != seed:
+                    raise ValueError(f"A state is of seed {numbers['seed']}, not of seed {seed}.")
+                self._population.restore(index, state)
+                self._tally.restore(index, numbers["tally"])
+                self._steps[index] = numbers["train_steps"]
+                self._earlier[index] = numbers["seconds"]
+                self._rows[index] = list(numbers["rows"])
+                episodes.add(numbers["train_episodes"])
+            if len(episodes) > 1:
+                raise ValueError(f"The seeds' states are of different episodes {sorted(episodes)}.")
+            (self._episodes,) = episodes
+
+    def run(
+        self,
+        periods: int,
+        on_progress: Callable[[Progress], None] | None,
+        on_boundary: Callable[[Boundary], None] | None,
+        on_lost: Callable[[Lost], None] | None = None,
+    ) -> Iterator[PeriodResult]:
+        """Trains and tests from where it stands until `periods` are done."""
+        per_period = self._config.episodes_per_period
+        for period in range(len(self._rows[0]), periods + 1):
+            while self._episodes < period * per_period:
+                self._train_round()
+                broken = self._population.broken()
+                if broken and not self._go_on_without(broken, on_lost):
+                    return
+                if on_progress:
+                    success = float(np.mean([rows[-1]["success_rate"] for rows in self._rows]))
+                    on_progress(Progress(self._episodes, periods * per_period, success))
+                if on_boundary and self._episodes < period * per_period:
+                    on_boundary(Boundary(self._episodes, False, self.states))
+            yield self._test(period)
+            if on_boundary and period < periods:
+                on_boundary(Boundary(self._episodes, True, self.states))
+
+    def _train_round(self) -> None:
+        population, config = self._population, self._config
+        draws = population.draw_round(self._env.max_steps)
+        run = collect(
+            self._env,
+            population.exploring_actors(),
+            config,
+            self._horizons,
+            draws,
+            self._episode_seeds(Purpose.TRAIN_EPISODE, self._episodes, config.episodes_per_round),
+        )
+        population.store(run, draws)
+        population.learn()
+        self._episodes += config.episodes_per_round
+        self._steps += run.steps.reshape(len(self._seeds), -1).sum(1)
+        self._tally.add(run, config)
+
+    def _go_on_without(
+        self, broken: Mapping[int, int], on_lost: Callable[[Lost], None] | None
+    ) -> bool:
+        """Becomes the training of the other seeds, if there are any; `broken`: levels by index."""
+        for index, level in broken.items():
+            updates = self._population.updates(index, level)
+            if on_lost:
+                on_lost(Lost(self._seeds[index], level, updates, self._episodes))
+        kept = [state for index, state in enumerate(self.states()) if index not in broken]
+        if kept:
+            self._begin(tuple(state.numbers["seed"] for state in kept))
+            self.restore(kept)
+        return bool(kept)
+
+    def _test(self, period: int) -> PeriodResult:
+        population = self._population
+        run = collect(
+            self._test_env,
+            population.tested_actors(),
+            self._config,
+            self._horizons,
+            None,
+            self._test_seeds,
+            test=True,
+        )
+        stats = EpisodeStats.of(run)
+        diagnosed = population.diagnose(period)
+        rows = [self._row(period, i, stats, diagnosed) for i in range(len(self._seeds))]
+        self._tally = self._new_tally()
+        for own, row in zip(self._rows, rows, strict=True):
+            own.append(row)
+        return PeriodResult(period, rows, population.policies())
+
+    def _row(
+        self,
+        period: int,
+        index: int,
+        stats: EpisodeStats,
+        diagnosed: list[dict[str, list[float]]],
+    ) -> dict[str, Any]:
+        tests = self._config.test_episodes
+        own = slice(index * tests, (index + 1) * tests)
+        success, steps = stats.success[own], stats.steps[own]
+        row = {
+            "subgoal_layers": len(self._horizons) - 1,
+            "seed": self._seeds[index],
+            "period": period,
+            "train_episodes": self._episodes,
+            "train_steps": int(self._steps[index]),
+            "test_episodes": tests,
+            "success_rate": float(success.mean()),
+            "mean_steps_to_goal": float(steps[success].mean()) if success.any() else np.nan,
+            "wall_seconds": float(self._seconds()[index]),
+            "diverged_episodes": int(self._tally.diverged[index] + stats.diverged[own].sum()),
+        }
+        for level, measured in enumerate(diagnosed):
+            columns = self._tally.columns(level, index)
+            columns.update({name: values[index] for name, values in measured.items()})
+            row.update({f"level{level}_{name}": columns.get(name, np.nan) for name in DIAGNOSTICS})
+        return row
+
+
+# Per level and test period: attempts an episode (`proposed`), shares of them, and the learner's
+# state on replayed transitions.
+DIAGNOSTICS = (
+    "proposed",
+    "achieved",
+    "tested",
+    "penalised",
+    "q_mean",
+    "q_min",
+    "q_at_bound",
+    "saturation",
+    "replay_fill",
+    "success",
+)

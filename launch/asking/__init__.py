@@ -1,0 +1,1 @@
+"""What a person typed: flags in, a checked request or one clear error out."""

@@ -1,0 +1,159 @@
+"""manifest.json: what a run folder's results were made with, and by which commands."""
+
+import importlib.metadata
+import json
+import os
+import platform
+import subprocess
+import time
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from analysis.reading.files import write_atomically
+from hac_suite.config import completed
+from launch.asking.errors import CommandError
+
+Manifest = dict[str, Any]
+
+_ROOT = Path(__file__).resolve().parents[2]
+_PACKAGES = ("dm-control", "gymnasium", "mujoco", "numpy", "pandas", "scipy", "torch")
+_DIFFERS = (
+    "{path} holds runs of another configuration ({differences}); "
+    "repeat its configuration, or give another --out"
+)
+
+
+def new(task: str, max_steps: int, config: Mapping[str, Any]) -> Manifest:
+    """A manifest before its first launch; `config` in JSON's own types."""
+    return {
+        "task": task,
+        "max_steps": max_steps,
+        "horizons": {},  # attempts (T_0, ..., T_n) of each level, by number of subgoal layers
+        "config": dict(config),
+        "jobs": [],  # trainings that ended well: subgoal_layers, seeds, periods, seconds...
+        "earlier_launches": [],  # oldest first; the latest is at the top level
+    }
+
+
+def add_launch(
+    manifest: Manifest,
+    command: Sequence[str],
+    workers: int,
+    device: str,
+    asked: Mapping[str, Any] | None = None,
+) -> Manifest:
+    """The manifest with a launch that begins now: its command, versions and machine.
+
+    `asked` is what is to be in the folder in the end: subgoal_layers, seeds and periods.
+    """
+    launch = {
+        "command": ["python", *command],
+        "asked": asked,
+        "failures": [],  # of trainings: subgoal_layers, seeds, reason
+        "started": now(),
+        "finished": None,  # stays None where a signal, a kill or a full disk ended the launch
+        "workers": workers,
+        "device": device,
+        "commit": commit(),
+        "versions": versions(),
+        "machine": machine(),
+    }
+    earlier = manifest["earlier_launches"]
+    if "command" in manifest:
+        earlier = [*earlier, {name: manifest.get(name) for name in launch}]
+    return {**manifest, **launch, "earlier_launches": earlier}
+
+
+def read(path: Path) -> Manifest | None:
+    """The manifest, or None where there is none yet.
+
+    Raises:
+      CommandError: the file is not a manifest.
+    """
+    if not path.exists():
+        return None
+    try:
+        manifest = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError) as error:
+        raise CommandError(f"{path} cannot be read ({error}); move the folder away") from error
+    if not isinstance(manifest, dict) or not new("", 0, {}).keys() <= manifest.keys():
+        raise CommandError(f"{path} is not a run folder's manifest; move the folder away")
+    return manifest
+
+
+def write(path: Path, manifest: Manifest) -> None:
+    text = json.dumps(manifest, indent=2) + "\n"
+    write_atomically(path, lambda temporary: temporary.write_text(text, encoding="utf-8"))
+
+
+def check_same(path: Path, manifest: Manifest, wanted: Manifest) -> None:
+    """Refuses to mix results: curves in one figure are of one configuration.
+
+    Raises:
+      CommandError: names every setting that differs, with both values.
+    """
+    differences = [
+        f"{name} is {old!r} there and {new!r} here"
+        for name, old, new in _pairs(manifest, wanted)
+        if old != new
+    ]
+    if differences:
+        raise CommandError(_DIFFERS.format(path=path.parent, differences="; ".join(differences)))
+
+
+def _pairs(manifest: Manifest, wanted: Manifest) -> list[tuple[str, Any, Any]]:
+    old, new = completed(manifest["config"]), completed(wanted["config"])
+    pairs = [(name, old.get(name), new.get(name)) for name in sorted({*old, *new})]
+    pairs += [
+        (f"horizons with {layers} subgoal layer(s)", manifest["horizons"][layers], attempts)
+        for layers, attempts in wanted["horizons"].items()
+        if layers in manifest["horizons"]
+    ]
+    return [*pairs, ("max_steps", manifest["max_steps"], wanted["max_steps"])]
+
+
+def now() -> str:
+    return time.strftime("%Y-%m-%dT%H:%M:%S%z")
+
+
+def versions() -> dict[str, str]:
+    """Python's version and those of the packages that results depend on."""
+    packages = {name: importlib.metadata.version(name) for name in _PACKAGES}
+    return {"python": platform.python_version(), **packages}
+
+
+def machine() -> dict[str, Any]:
+    return {"cpu": _cpu_model(), "cores": cores(), "system": platform.platform()}
+
+
+def cores() -> int:
+    """Cores this process may use, which a container can make fewer than the machine's."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1  # macOS cannot say more
+
+
+def _cpu_model() -> str:
+    try:
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
+    except OSError:
+        return platform.processor() or platform.machine()
+    names = [line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")]
+    return names[0] if names else platform.machine()
+
+
+def commit() -> str | None:
+    """The checked-out commit, with `+changes` where the files differ from it; None outside git."""
+    try:
+        described = subprocess.run(
+            ["git", "describe", "--always", "--abbrev=40", "--dirty=+changes", "--exclude=*"],
+            cwd=_ROOT,
+            capture_output=True,
+            text=True,
+            timeout=10,
+            check=True,
+        )
+    except (OSError, subprocess.SubprocessError):
+        return None
+    return described.stdout.strip()

@@ -1,0 +1,113 @@
+"""The policies of a run folder, and which of them to show."""
+
+import json
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from launch.asking.errors import CommandError
+
+PUBLISHED = Path(__file__).resolve().parents[2] / "assets" / "policies"
+"""The best seed of each task and agent of the published grid."""
+
+
+class Found(NamedTuple):
+    """A policy's file, and what it says of itself."""
+
+    path: Path  # without suffix
+    task: str
+    subgoal_layers: int
+    seed: int
+    success_rate: float  # in the last test period
+
+
+def find(directory: Path) -> list[Found]:
+    """All whole policies of a `policies` folder, by agent and seed.
+
+    Raises:
+      CommandError: a description is damaged; the message names it.
+    """
+    found = [
+        _read(file)
+        for file in directory.glob("[!.]*.json")
+        if file.with_suffix(".safetensors").is_file()
+    ]
+    return sorted(found, key=lambda policy: (policy.subgoal_layers, policy.seed, policy.path))
+
+
+def _read(file: Path) -> Found:
+    try:
+        description = json.loads(file.read_text(encoding="utf-8"))
+        return Found(
+            file.with_suffix(""),
+            task=_entry(description, "task", str),
+            subgoal_layers=_entry(description, "subgoal_layers", int),
+            seed=_entry(description, "seed", int),
+            success_rate=float(_entry(description, "success_rate", int | float)),
+        )
+    except (OSError, ValueError, RecursionError) as error:
+        raise CommandError(f"{file} does not describe a policy: {error}") from error
+
+
+def _entry(description: Any, name: str, wanted: Any) -> Any:
+    value = description.get(name) if isinstance(description, dict) else None
+    if not isinstance(value, wanted) or (isinstance(value, float) and math.isnan(value)):
+        raise ValueError(f"its {name} is {value!r}")
+    return value
+
+
+def typical(own: Sequence[Found]) -> list[Found]:
+    """An agent's policies in the order to show them.
+
+    First the one of median test success, neither the agent's best nor its worst seed; then those
+    that ever succeeded, the best first, in case the first one never does.
+    """
+    ranked = sorted(own, key=lambda policy: policy.success_rate)
+    median = ranked.pop(len(ranked) // 2)
+    return [median, *(policy for policy in reversed(ranked) if policy.success_rate > 0)]
+
+
+def best(own: Sequence[Found]) -> Found:
+    """The policy of the highest test success; of the first of such seeds."""
+    return max(own, key=lambda policy: (policy.success_rate, -policy.seed))
+
+
+def published(task: str) -> list[Found]:
+    """The published policies of a task, by agent."""
+    return [policy for policy in find(PUBLISHED) if policy.task == task]
+
+
+def choose(
+    found: Sequence[Found], where: Path, subgoal_layers: int, seed: int | None
+) -> list[Found]:
+    """An agent's policies among those found, in the order to show them; of one seed if given.
+
+    Args:
+      where: they were found, for messages.
+
+    Raises:
+      CommandError: there is none, the message says what is.
+    """
+    if not found:
+        raise CommandError(
+            f"{where} holds no policies; train some with `python launch/run.py --task=TASK`"
+        )
+    own = [
+        policy
+        for policy in found
+        if policy.subgoal_layers == subgoal_layers and seed in (None, policy.seed)
+    ]
+    if not own:
+        wanted = f"{subgoal_layers} subgoal layers" + ("" if seed is None else f", seed {seed}")
+        raise CommandError(f"{where} has no policy of {wanted}; it has {_listed(found)}")
+    return typical(own)
+
+
+def _listed(found: Sequence[Found]) -> str:
+    agents = sorted({policy.subgoal_layers for policy in found})
+    return "; ".join(
+        f"{layers} subgoal layers: seeds "
+        + ", ".join(str(policy.seed) for policy in found if policy.subgoal_layers == layers)
+        for layers in agents
+    )

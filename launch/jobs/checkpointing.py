@@ -1,0 +1,214 @@
+"""Where interrupted runs stand, and how a worker keeps its own run's standing on the disk."""
+
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import hac_suite
+from hac_suite import checkpoint
+from hac_suite.config import completed
+from launch.asking import settings
+from launch.asking.errors import CommandError
+from launch.folder import manifest, results
+from launch.folder.layout import RunFolder
+from launch.jobs.planning import Agent
+
+MOST_SECONDS_BETWEEN = 300.0
+# A checkpoint waits until those before it have cost no more than this share of the time.
+MOST_SHARE = 0.04
+
+_OTHER_RUN = "{file} is a checkpoint of another run ({differences}); move it away"
+_LONGER_RUN = (
+    "{agent}, seed {seed}: interrupted after test period {period} of a longer run; "
+    "give --periods={least} or more, or remove {file}"
+)
+_NO_ROWS = (
+    "{file} is no checkpoint of this version: its rows are not those of results.csv; remove it"
+)
+_OTHER_VERSIONS = (
+    "{agent}: interrupted with {versions}, and the rest may differ from what those would have given"
+)
+_RESULTS_DEPEND_ON = ("dm-control", "mujoco", "numpy", "torch")
+
+
+class Standing(NamedTuple):
+    """An interrupted run (an agent and a seed) as its newest whole checkpoint has it."""
+
+    train_episodes: int
+    rows: list[dict[str, Any]]  # of results.csv, of the test periods so far
+
+
+class Run(NamedTuple):
+    """What an agent's runs have in common: what a checkpoint must agree with to be gone on from."""
+
+    agent: Agent
+    horizons: tuple[int, ...]
+    config: hac_suite.Config
+
+    def about(self, seed: int) -> dict[str, Any]:
+        """What the checkpoints of a seed say about whose they are."""
+        return {
+            "task": self.agent.task,
+            "subgoal_layers": self.agent.subgoal_layers,
+            "seed": seed,
+            "horizons": list(self.horizons),
+            "config": settings.as_json(self.config),
+            "versions": manifest.versions(),
+        }
+
+
+def standings(
+    folder: RunFolder,
+    run: Run,
+    seeds: Sequence[int],
+    periods: int,
+    say: Callable[[str], None],
+    *,
+    other_versions: bool,
+) -> dict[int, Standing]:
+    """Where those of the seeds stand that have a whole checkpoint; damaged ones are named.
+
+    Args:
+      other_versions: whether to go on, with a warning, from what other versions of the libraries
+        left.
+
+    Raises:
+      CommandError: a checkpoint is of another run, of one that was asked for more periods, or of
+        other versions that are not wanted.
+    """
+    found, differing = {}, set[str]()
+    for seed in seeds:
+        file = folder.checkpoint(run.agent.subgoal_layers, seed)
+        newest, complaints = checkpoint.newest(file)
+        for complaint in complaints:
+            say(f"warning: {complaint}")
+        if newest is None or not newest.train_episodes:
+            if complaints:
+                say(f"{run.agent}, seed {seed}: no checkpoint is whole; it starts from nothing")
+            continue
+        if complaints:
+            say(f"{run.agent}, seed {seed}: goes on from episode {newest.train_episodes}")
+        differing |= _check(file, newest, run.about(seed))
+        rows = _rows(file, newest, run.agent, seed)
+        if len(rows) > periods:
+            raise CommandError(
+                _LONGER_RUN.format(
+                    agent=run.agent,
+                    seed=seed,
+                    period=len(rows) - 1,
+                    least=len(rows),
+                    file=file,
+                )
+            )
+        found[seed] = Standing(newest.train_episodes, rows)
+    if differing:
+        message = _OTHER_VERSIONS.format(agent=run.agent, versions=", ".join(sorted(differing)))
+        if not other_versions:
+            raise CommandError(f"{message}; install those, or go on with --other_versions")
+        say(f"warning: {message}")
+    return found
+
+
+def _check(file: Path, found: checkpoint.Checkpoint, own: Mapping[str, Any]) -> set[str]:
+    """Versions that differ; whatever else differs is refused."""
+    there = dict(found.about)
+    if isinstance(there.get("config"), dict):
+        there["config"] = completed(there["config"])
+    differences = [
+        f"{name} is {there.get(name)!r} there and {own[name]!r} here"
+        for name in own
+        if name != "versions" and there.get(name) != own[name]
+    ]
+    if differences:
+        raise CommandError(_OTHER_RUN.format(file=file, differences="; ".join(differences)))
+    then, now = found.about.get("versions", {}), own["versions"]
+    return {
+        f"{name} {then.get(name)} (here {now[name]})"
+        for name in _RESULTS_DEPEND_ON
+        if then.get(name) != now[name]
+    }
+
+
+def _rows(
+    file: Path, found: checkpoint.Checkpoint, agent: Agent, seed: int
+) -> list[dict[str, Any]]:
+    """The checkpoint's rows of results.csv; a stranger's file cannot put anything else there."""
+    rows = found.numbers.get("rows")
+    try:
+        if not isinstance(rows, list) or not rows:
+            raise ValueError("no rows")
+        rows = [{"task": agent.task, **row} for row in rows]
+        for period, row in enumerate(rows):
+            results.check_columns(row)
+            own = (row["task"], row["subgoal_layers"], row["seed"], row["period"])
+            numbers = all(isinstance(row[name], int | float) for name in row if name != "task")
+            if own != (*agent, seed, period) or not numbers:
+                raise ValueError("other rows")
+    except (KeyError, TypeError, ValueError) as error:
+        raise CommandError(_NO_ROWS.format(file=file)) from error
+    return rows
+
+
+class Saver:
+    """Saves the seeds that a worker trains: at test periods, and every few minutes in between."""
+
+    def __init__(
+        self,
+        folder: RunFolder,
+        run: Run,
+        seeds: Sequence[int],
+        start: int,
+        warn: Callable[[str], None],
+    ) -> None:
+        """`start` is the training episode that the seeds go on from, 0 for a new run."""
+        layers = run.agent.subgoal_layers
+        self._run = run
+        self._folders = {seed: folder.checkpoint(layers, seed) for seed in seeds}
+        self._start, self._warn = start, warn
+        self._writer = self._new_writer(start or None)
+        self._saved = time.monotonic()
+        self._cost = 0.0  # seconds that the last checkpoint took
+        self._stopping = False
+        self._warned = False
+
+    def _new_writer(self, last: int | None) -> checkpoint.Writer:
+        about = [self._run.about(seed) for seed in self._folders]
+        return checkpoint.Writer(list(self._folders.values()), about, last)
+
+    def leave_out(self, seed: int) -> None:
+        """Saves this seed no more; its checkpoints stay as they are."""
+        del self._folders[seed]
+        self._writer = self._new_writer(self._writer.last)
+
+    def states(self) -> Iterator[hac_suite.SeedState] | None:
+        """The states to go on from, read one by one; None for a new run."""
+        if not self._start:
+            return None
+        return (checkpoint.load(folder, self._start) for folder in self._folders.values())
+
+    def stop(self, *_) -> None:
+        """Ends the process at the next boundary, with a checkpoint. A signal handler."""
+        self._stopping = True
+
+    def at_boundary(self, boundary: hac_suite.Boundary) -> None:
+        """Saves if it is time."""
+        waited = time.monotonic() - self._saved
+        due = boundary.tested or waited >= MOST_SECONDS_BETWEEN
+        affordable = waited >= self._cost / MOST_SHARE
+        if boundary.train_episodes and (self._stopping or (due and affordable)):
+            self._save(boundary)
+        if self._stopping:
+            raise SystemExit("stopped by a signal; the checkpoint holds all until here")
+
+    def _save(self, boundary: hac_suite.Boundary) -> None:
+        """A checkpoint that cannot be written is no reason to stop training."""
+        started = time.monotonic()
+        try:
+            self._writer.save(boundary.states())
+        except OSError as error:
+            if not self._warned:
+                self._warn(f"no checkpoint could be written ({error}); training goes on")
+            self._warned = True
+        self._saved = time.monotonic()
+        self._cost = self._saved - started

@@ -1,0 +1,27 @@
+"""What becomes of a job whose machine died: it begins where its own checkpoints stand."""
+
+from collections.abc import Callable, Mapping
+
+from launch.jobs import checkpointing
+from launch.jobs.planning import Job
+from launch.jobs.recorder import Recorder
+from launch.jobs.worker import Plan
+
+
+def again(
+    job: Job, *, recorder: Recorder, plans: Mapping[str, Plan], say: Callable[[str], None]
+) -> Job:
+    """The job as it is to begin again; rows that only its checkpoints have are recorded first.
+
+    Its seeds begin together, where the last one's checkpoint stands: each keeps the one before.
+    """
+    task, subgoal_layers = job.agent
+    plan = plans[task]
+    run = checkpointing.Run(job.agent, plan.horizons[subgoal_layers], plan.config)
+    folder = recorder.folders[task]
+    job = job._replace(seeds=recorder.unfailed(job))
+    found = checkpointing.standings(folder, run, job.seeds, plan.periods, say, other_versions=True)
+    recorder.add(job, [row for seed in sorted(found) for row in found[seed].rows])
+    if len(found) < len(job.seeds):
+        return job._replace(start=0)
+    return job._replace(start=min(standing.train_episodes for standing in found.values()))

@@ -1,0 +1,134 @@
+"""What a worker does with a job: trains its population, saves its policies, sends its rows."""
+
+import functools
+import math
+import os
+import signal
+import time
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import torch
+
+import hac_suite
+import tasks
+from launch.asking import settings
+from launch.folder.layout import POLICY_SUFFIXES, RunFolder
+from launch.jobs import checkpointing
+from launch.jobs.local import Send
+from launch.jobs.planning import Job
+
+_SECONDS_BETWEEN_MESSAGES = 1.0
+
+
+class Tested(NamedTuple):
+    """One test period of the job's seeds: rows of results.csv."""
+
+    period: int
+    rows: list[dict]
+
+
+class Warned(NamedTuple):
+    """What a person should know at once, though the job goes on."""
+
+    text: str
+
+
+class SeedFailed(NamedTuple):
+    """One of the job's seeds cannot go on; the others do."""
+
+    seed: int
+    reason: str
+
+
+class Plan(NamedTuple):
+    """What the jobs of one task have in common."""
+
+    out: Path
+    config: hac_suite.Config
+    horizons: Mapping[int, tuple[int, ...]]  # by number of subgoal layers
+    periods: int
+    device: str = "cpu"  # or "cuda"
+
+
+def train_job(job: Job, send: Send, *, plans: Mapping[str, Plan]) -> None:
+    """Trains the job's seeds on from where they stand.
+
+    Sends Progress, Tested, Warned and SeedFailed messages.
+
+    The last period's policies are on the disk before its rows are sent: a seed with all its rows
+    has its policy. SIGTERM ends it at the next round, with a checkpoint.
+    """
+    torch.set_num_threads(1)
+    torch.set_flush_denormal(True)
+    task, subgoal_layers = job.agent
+    plan = plans[task]
+    saver = checkpointing.Saver(
+        RunFolder(plan.out, task),
+        checkpointing.Run(job.agent, plan.horizons[subgoal_layers], plan.config),
+        job.seeds,
+        job.start,
+        warn=lambda text: send(Warned(text)),
+    )
+    signal.signal(signal.SIGTERM, saver.stop)
+
+    def lose(lost: hac_suite.Lost) -> None:
+        saver.leave_out(lost.seed)
+        send(SeedFailed(lost.seed, str(lost)))
+
+    results = hac_suite.train(
+        functools.partial(tasks.load_vector, task),
+        plan.config,
+        job.seeds,
+        subgoal_layers=subgoal_layers,
+        horizons=plan.horizons[subgoal_layers],
+        periods=plan.periods,
+        on_progress=_now_and_then(send),
+        device=plan.device,
+        start=saver.states(),
+        on_boundary=saver.at_boundary,
+        on_lost=lose,
+    )
+    for result in results:
+        rows = [{"task": task, **row} for row in result.rows]
+        if result.period == plan.periods:
+            _save(job, result.policies, rows, plan)
+        send(Tested(result.period, rows))
+
+
+def _now_and_then(send: Send) -> Send:
+    """Passes on one message a second at most: on a cluster, hundreds of jobs send to one place."""
+    sent = -math.inf
+
+    def pass_on(message: object) -> None:
+        nonlocal sent
+        if time.monotonic() - sent >= _SECONDS_BETWEEN_MESSAGES:
+            sent = time.monotonic()
+            send(message)
+
+    return pass_on
+
+
+def _save(job: Job, policies: Sequence[hac_suite.Policy], rows: list[dict], plan: Plan) -> None:
+    folder = RunFolder(plan.out, job.agent.task)
+    for policy, row in zip(policies, rows, strict=True):
+        seed = int(row["seed"])
+        metadata = {
+            "task": job.agent.task,
+            "subgoal_layers": job.agent.subgoal_layers,
+            "seed": seed,
+            "period": int(row["period"]),
+            "train_episodes": int(row["train_episodes"]),
+            "success_rate": float(row["success_rate"]),
+            "config": settings.as_json(plan.config),
+        }
+        save_policy(policy, folder.policy(job.agent.subgoal_layers, seed), metadata)
+
+
+def save_policy(policy: hac_suite.Policy, path: Path, metadata: dict) -> None:
+    """Saves a policy so that a kill leaves none of it or all of it under `path`'s name."""
+    temporary = path.with_name(f".{path.name}")
+    policy.save(temporary, metadata)
+    for suffix in POLICY_SUFFIXES:  # the weights last: they are what a reader looks for
+        os.replace(temporary.with_name(temporary.name + suffix), path.with_name(path.name + suffix))

@@ -1,0 +1,115 @@
+"""Replays test episodes of a policy and keeps every subgoal: where it was, and what came of it."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+import hac_suite
+import tasks
+from hac_suite.algorithm import exploration
+from launch.asking import settings
+
+ACHIEVED, MISSED, CUT_SHORT = "achieved", "missed", "cut short"
+"""Cut short: the episode ended, or a level above reached its goal, while attempts were left."""
+
+
+class Subgoal(NamedTuple):
+    """One subgoal of one episode. Positions are points of the subgoal space, in natural units."""
+
+    episode: int  # index within the replay
+    level: int  # that proposed it; 1 is the lowest that proposes
+    step: int  # actions taken before it was proposed
+    end_step: int
+    outcome: str
+    subgoal: np.ndarray  # [H]
+    start: np.ndarray  # [H] where the agent was when it was proposed
+    end: np.ndarray  # [H] where it was when the subgoal was given up or achieved
+    observation: np.ndarray  # [D] when it was proposed
+
+
+class Replay(NamedTuple):
+    """N test episodes of a policy, those of its test periods."""
+
+    policy: hac_suite.Policy
+    stats: hac_suite.EpisodeStats
+    subgoals: list[Subgoal]
+    path: np.ndarray  # [steps + 1, N, H]; an episode that is over stays where it ended
+    goal: np.ndarray  # [N, G]
+
+
+class SubgoalLog:
+    """Takes the `on_step` calls of `hac_suite.run_episodes`; see `Replay` for what it collects."""
+
+    def __init__(self, env: hac_suite.VectorEnv, horizons: tuple[int, ...]):
+        self.subgoals: list[Subgoal] = []
+        self.path: list[np.ndarray] = []
+        self.goal = np.zeros((env.num_envs, env.goal_space.dim))
+        self._env, self._horizons = env, horizons
+        levels = len(horizons) - 1
+        self._step = np.zeros((levels, env.num_envs), np.int64)
+        self._start = np.zeros((levels, env.num_envs, env.subgoal_space.dim))
+        self._observation = np.zeros((levels, env.num_envs, len(env.observation_scale)))
+        self._running = np.zeros(env.num_envs, bool)
+
+    def on_step(self, view: hac_suite.StepView) -> None:
+        """Notes the subgoals that ended with this step, and where their successors begin."""
+        state = view.env_step
+        self.path.append(state.achieved_subgoal.copy())
+        self.goal = state.desired_goal.copy()
+        begins = np.tile(view.active, (len(self._step), 1)) if view.step == 0 else self._end(view)
+        for level, new in enumerate(begins):
+            self._step[level][new] = view.step
+            self._start[level][new] = state.achieved_subgoal[new]
+            self._observation[level][new] = state.observation[new]
+        self._running = view.active.copy()
+
+    def _end(self, view: hac_suite.StepView) -> np.ndarray:
+        """Keeps what ended; returns it as bool [levels, N]."""
+        state = view.env_step
+        valid = self._running & ~state.diverged
+        over = valid & self._env.goal_space.achieved(state.achieved_goal, state.desired_goal)
+        over = over | (self._running & ~view.active)
+        ended = np.zeros(self._step.shape, bool)
+        for level in reversed(range(len(ended))):
+            hit = self._env.subgoal_space.achieved(state.achieved_subgoal, view.subgoals[level])
+            hit = hit & valid
+            used_all = valid & (view.attempts[level] >= self._horizons[level])
+            over = over | hit
+            ended[level] = over | used_all
+            for i in np.flatnonzero(ended[level]).tolist():
+                outcome = ACHIEVED if hit[i] else MISSED if used_all[i] else CUT_SHORT
+                self._keep(level, i, outcome, view)
+        return ended
+
+    def _keep(self, level: int, i: int, outcome: str, view: hac_suite.StepView) -> None:
+        self.subgoals.append(
+            Subgoal(
+                episode=i,
+                level=level + 1,
+                step=int(self._step[level, i]),
+                end_step=view.step,
+                outcome=outcome,
+                subgoal=view.subgoals[level][i].copy(),
+                start=self._start[level, i].copy(),
+                end=view.env_step.achieved_subgoal[i].copy(),
+                observation=self._observation[level, i].copy(),
+            )
+        )
+
+
+def replay(policy: hac_suite.Policy, episodes: int) -> Replay:
+    """Plays the first test episodes of the policy's own seed again.
+
+    Raises:
+      CommandError, KeyError, TypeError, ValueError: the policy's description is incomplete or of
+        another task.
+    """
+    config = settings.to_config(policy.metadata["config"])
+    seeds = exploration.episode_seeds(
+        policy.metadata["seed"], exploration.Purpose.TEST_EPISODE, 0, episodes
+    )
+    env = tasks.load_vector(policy.metadata["task"], episodes)
+    log = SubgoalLog(env, policy.horizons)
+    stats = hac_suite.run_episodes(env, policy, seeds, config=config, on_step=log.on_step)
+    env.close()
+    return Replay(policy, stats, log.subgoals, np.stack(log.path), log.goal)

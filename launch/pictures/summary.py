@@ -1,0 +1,81 @@
+"""What a launch leaves to look at once training is over: videos, the report, a summary."""
+
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+from rich.console import Console
+from rich.table import Table
+
+from analysis.reading.results import load
+from analysis.report.run_report import write_report
+from analysis.statistics.seeds import final_success
+from launch.asking.errors import CommandError
+from launch.asking.request import Request
+from launch.folder import policies, results
+from launch.folder.layout import RunFolder
+from launch.jobs.local import StopSignal
+from launch.jobs.planning import Agent
+from launch.pictures import video
+
+
+def present(
+    folders: Iterable[RunFolder], request: Request, console: Console, stop: StopSignal
+) -> None:
+    """Renders the videos that are missing or older than their policies, and writes the reports."""
+    for folder in folders:
+        for layers in request.subgoal_layers:
+            if request.video and stop.number is None:
+                _video(folder, layers, console, stop)
+        try:
+            write_report(folder.path)
+        except Exception as error:  # the runs themselves are whole
+            console.print(f"warning: {folder.report} was not written: {error}", soft_wrap=True)
+
+
+def summarise(folder: RunFolder, console: Console) -> None:
+    """Prints each agent's success at its last test period, and the path to open."""
+    if not results.read(folder.results)[0]:
+        return
+    try:
+        console.print(_final_table(folder))
+    except ValueError as error:  # such as a success rate that somebody edited
+        console.print(f"warning: {error}", soft_wrap=True)
+    for path in (folder.figure, folder.report, *sorted(folder.videos.glob("*.mp4"))):
+        if path.exists():
+            console.print(str(path), soft_wrap=True)
+
+
+def _final_table(folder: RunFolder) -> Table:
+    table = Table(box=None, pad_edge=False, header_style="bold", title_justify="left")
+    for heading in ("agent", "seeds", "test period", "success", "95% interval"):
+        table.add_column(heading, justify="left" if heading == "agent" else "right")
+    for row in final_success(load(folder.path)).itertuples():
+        interval = f"{row.low:.0%} to {row.high:.0%}" if row.low == row.low else "-"
+        agent = str(Agent(folder.task, row.subgoal_layers))
+        table.add_row(agent, str(row.n), str(row.period), f"{row.mean:.0%}", interval)
+    return table
+
+
+def _video(folder: RunFolder, layers: int, console: Console, stop: StopSignal) -> None:
+    """Renders the agent's video unless it is current; what prevents it is said, not raised."""
+    target = folder.video(layers)
+    try:
+        found = policies.find(folder.policies)
+        own = [policy for policy in found if policy.subgoal_layers == layers]
+        if not own or _is_current(target, own):
+            return
+        console.print(f"rendering {target}", soft_wrap=True)
+        shown = [policy.path for policy in policies.typical(own)]
+        for note in video.render(shown, target, stop=stop):
+            console.print(note, soft_wrap=True)
+    except (CommandError, video.RenderingError) as error:
+        agent = Agent(folder.task, layers)
+        console.print(f"warning: no video of {agent}: {error}", soft_wrap=True)
+
+
+def _is_current(video: Path, own: Sequence[policies.Found]) -> bool:
+    """Whether the agent's video is there, and none of its policies is newer."""
+    if not video.exists():
+        return False
+    files = [policy.path.with_name(f"{policy.path.name}.safetensors") for policy in own]
+    return video.stat().st_mtime > max(file.stat().st_mtime for file in files)

@@ -1,0 +1,156 @@
+"""The whole loop on a tiny environment: it learns, and a seed is an experiment."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+import torch
+
+from hac_suite.config import PAPER, horizons
+from hac_suite.policy import Policy
+from hac_suite.training import loop
+from tests.hac_suite.tiny_envs import PointEnv
+
+SMALL = dataclasses.replace(
+    PAPER,
+    hidden_sizes=(32, 32),
+    batch_size=64,
+    updates_per_episode=10,
+    episodes_per_period=80,
+    test_episodes=32,
+    replay_capacity=20_000,
+)
+FAST = dataclasses.replace(SMALL, episodes_per_period=8, updates_per_episode=2, test_episodes=4)
+
+
+def make_env(num_envs: int) -> PointEnv:
+    return PointEnv(num_envs, max_steps=20)
+
+
+def run(config, seeds, layers, periods) -> list[loop.PeriodResult]:
+    return list(
+        loop.train(
+            make_env,
+            config,
+            seeds,
+            subgoal_layers=layers,
+            horizons=horizons(20, layers),
+            periods=periods,
+        )
+    )
+
+
+@pytest.mark.parametrize("layers", [0, 1, 2])
+def test_agents_learn_the_tiny_task(layers):
+    results = run(SMALL, [0, 1, 2], layers, periods=5)
+    success = [np.mean([row["success_rate"] for row in result.rows]) for result in results]
+    assert success[0] < 0.5
+    assert success[-1] > 0.9, success
+
+
+def same(left: Policy, right: Policy) -> bool:
+    pairs = zip(left.networks, right.networks, strict=True)
+    return all(torch.equal(a.parameters, b.parameters) for a, b in pairs)
+
+
+def without_clock(row: dict) -> dict:
+    return {name: value for name, value in row.items() if name != "wall_seconds"}
+
+
+@pytest.mark.parametrize("layers", [0, 1, 2])
+def test_a_seed_alone_equals_that_seed_in_a_population(layers):
+    together = run(FAST, [3, 1, 4, 15, 9], layers, periods=2)
+    for position, seed in [(1, 1), (4, 9)]:
+        alone = run(FAST, [seed], layers, periods=2)
+        for ours, theirs in zip(alone, together, strict=True):
+            expected = without_clock(theirs.rows[position])
+            np.testing.assert_equal(without_clock(ours.rows[0]), expected)
+            assert same(ours.policies[0], theirs.policies[position])
+
+
+@pytest.mark.parametrize("batch_size", [37, 100])
+def test_batches_that_do_not_fill_registers_keep_seeds_independent(batch_size):
+    config = dataclasses.replace(FAST, batch_size=batch_size)
+    (*_, together), (*_, alone) = run(config, [3, 1, 4], 1, 2), run(config, [1], 1, 2)
+    assert same(alone.policies[0], together.policies[1])
+
+
+def test_seeds_differ():
+    (_, last) = run(FAST, [0, 1], 1, periods=1)
+    assert not same(*last.policies)
+
+
+def test_rows_say_what_happened():
+    first, *_, last = run(FAST, [0, 7], 1, periods=2)
+    assert [row["train_episodes"] for row in first.rows] == [0, 0]
+    row = last.rows[1]
+    assert (row["seed"], row["period"], row["subgoal_layers"]) == (7, 2, 1)
+    assert (row["train_episodes"], row["test_episodes"]) == (16, 4)
+    assert 16 <= row["train_steps"] <= 16 * 20
+    names = {f"level{i}_{name}" for i in range(2) for name in loop.DIAGNOSTICS}
+    assert names <= set(row)
+    assert np.isnan(row["level0_achieved"])  # actions are not subgoals
+    for name in ("achieved", "tested", "penalised"):
+        assert 0 <= row[f"level1_{name}"] <= 1
+    assert 0 <= row["level1_penalised"] <= row["level1_tested"]
+    assert -5 <= row["level1_q_min"] <= row["level1_q_mean"] <= 0
+
+
+def test_diverged_episodes_are_counted_and_failed():
+    def diverging(num_envs: int) -> PointEnv:
+        return PointEnv(num_envs, max_steps=20, diverge_at=dict.fromkeys(range(num_envs), 0))
+
+    first, last = loop.train(diverging, FAST, [0], subgoal_layers=1, horizons=(5, 4), periods=1)
+    assert first.rows[0]["success_rate"] == 0
+    assert first.rows[0]["diverged_episodes"] == 4
+    assert last.rows[0]["diverged_episodes"] == 4 + 8
+    assert np.isnan(last.rows[0]["level0_replay_fill"])
+
+
+def test_a_seed_without_experience_is_blank_whatever_its_neighbours_have():
+    def diverging(num_envs: int) -> PointEnv:
+        first_seed = dict.fromkeys(range(FAST.episodes_per_round), 0)
+        return PointEnv(num_envs, max_steps=20, diverge_at=first_seed)
+
+    arguments = dict(subgoal_layers=1, horizons=(5, 4), periods=1)
+    (_, last) = loop.train(diverging, FAST, [0, 1], **arguments)
+    blank, whole = last.rows
+    for name in ("q_mean", "replay_fill"):
+        assert np.isnan(blank[f"level0_{name}"])
+        assert np.isfinite(whole[f"level0_{name}"])
+
+
+def test_every_agent_and_period_of_a_seed_is_tested_on_the_same_episodes():
+    resets = []
+
+    class Watched(PointEnv):
+        def reset(self, seeds=None, *, mask=None, test=False):
+            resets.append((test, tuple(seeds)))
+            return super().reset(seeds, mask=mask, test=test)
+
+    for layers in (0, 1):
+        attempts = horizons(20, layers)
+        arguments = dict(subgoal_layers=layers, horizons=attempts, periods=2)
+        list(loop.train(lambda n: Watched(n, max_steps=20), FAST, [5], **arguments))
+    tested = [seeds for test, seeds in resets if test]
+    assert len(tested) == 6 and len(set(tested)) == 1
+    assert len(set(tested[0])) == FAST.test_episodes
+    trained = [seeds for test, seeds in resets if not test]
+    assert len(set(trained)) == len(trained) / 2  # fresh ones each round, the same for both agents
+
+
+def test_progress_is_reported_each_round():
+    seen = []
+    arguments = dict(subgoal_layers=0, horizons=(20,), periods=1)
+    list(loop.train(make_env, FAST, [0], on_progress=seen.append, **arguments))
+    assert [p.train_episodes for p in seen] == [4, 8]
+    assert {p.total_episodes for p in seen} == {8}
+
+
+@pytest.mark.parametrize(
+    ("seeds", "attempts", "message"),
+    [([], (5, 4), "Seeds must"), ([1, 1], (5, 4), "differ"), ([1], (5,), "need 2 horizons")],
+)
+def test_wrong_arguments_are_named_before_anything_runs(seeds, attempts, message):
+    with pytest.raises(ValueError, match=message):
+        loop.train(make_env, FAST, seeds, subgoal_layers=1, horizons=attempts, periods=1)

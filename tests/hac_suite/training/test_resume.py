@@ -1,0 +1,216 @@
+"""Interrupted and resumed equals uninterrupted, bit for bit, at every boundary between rounds."""
+
+import dataclasses
+import functools
+
+import numpy as np
+import pytest
+import torch
+
+import tasks
+from hac_suite import checkpoint
+from hac_suite.config import PAPER, horizons
+from hac_suite.state import SeedState
+from hac_suite.training import loop
+from tests.hac_suite.tiny_envs import PointEnv
+
+# Small rings, so that they are full and turning when a training is interrupted.
+TINY = dataclasses.replace(
+    PAPER,
+    hidden_sizes=(8, 8),
+    batch_size=16,
+    updates_per_episode=1,
+    episodes_per_period=12,
+    test_episodes=3,
+    replay_capacity=100,
+)
+SEEDS = (3, 1, 4)
+
+
+def make_env(num_envs: int) -> PointEnv:
+    # The first seed loses an episode each round: what is counted must be gone on with as well.
+    return PointEnv(num_envs, max_steps=20, diverge_at={0: 3})
+
+
+class Stopped(Exception):
+    """Thrown at a boundary, as a kill would come."""
+
+
+def train(layers, periods=2, seeds=SEEDS, make_env=make_env, config=TINY, max_steps=20, **others):
+    """Every row of a training, and the state it ended with."""
+    attempts = horizons(max_steps, layers)
+    with torch.no_grad():
+        work = loop._Training(make_env, config, tuple(seeds), attempts, "cpu")
+        if others.get("start"):
+            work.restore(others["start"])
+        results = list(work.run(periods, None, others.get("on_boundary")))
+    return results, [kept(state) for state in work.states()]
+
+
+def kept(state: SeedState) -> SeedState:
+    """The state as it is now."""
+    tensors = {name: tensor.clone() for name, tensor in state.tensors.items()}
+    return SeedState(tensors, {**state.numbers})
+
+
+def through_files(states, folder) -> list[SeedState]:
+    """What a checkpoint of these states gives back."""
+    states = list(states)
+    folders = [folder / str(state.numbers["seed"]) for state in states]
+    checkpoint.Writer(folders, [{} for _ in folders]).save(states)
+    return [checkpoint.load(of, states[0].numbers["train_episodes"]) for of in folders]
+
+
+def stopped_at(number: int, folder, layers, **others) -> list[SeedState]:
+    """The checkpoints that a training leaves at its boundary of that number, where it is killed."""
+    left = []
+
+    def on_boundary(boundary):
+        left.append(boundary.train_episodes)
+        if len(left) > number:
+            left[:] = through_files(boundary.states(), folder)
+            raise Stopped
+
+    with pytest.raises(Stopped):
+        train(layers, on_boundary=on_boundary, **others)
+    return left
+
+
+def assert_same_states(ours: SeedState, theirs: SeedState) -> None:
+    assert ours.tensors.keys() == theirs.tensors.keys()
+    for name, tensor in theirs.tensors.items():
+        assert torch.equal(ours.tensors[name], tensor), name
+    np.testing.assert_equal(without_clock(ours.numbers), without_clock(theirs.numbers))
+
+
+def without_clock(numbers: dict) -> dict:
+    rows = [{k: v for k, v in row.items() if k != "wall_seconds"} for row in numbers["rows"]]
+    return {**numbers, "rows": rows, "seconds": None}
+
+
+@pytest.mark.parametrize("layers", [0, 1, 2])
+def test_resumed_at_any_boundary_equals_uninterrupted(layers, tmp_path):
+    """Networks, optimisers, replay, streams, counts and rows; the last policies with the rows."""
+    boundaries: list[loop.Boundary] = []
+    whole, last = train(layers, on_boundary=boundaries.append)
+    assert [(b.train_episodes, b.tested) for b in boundaries] == [
+        (0, True), (4, False), (8, False), (12, True), (16, False), (20, False)
+    ]  # fmt: skip
+    for number in range(len(boundaries)):
+        start = stopped_at(number, tmp_path / str(number), layers)
+        results, states = train(layers, start=start)
+        for ours, theirs in zip(states, last, strict=True):
+            assert_same_states(ours, theirs)
+        for ours, theirs in zip(results[-1].policies, whole[-1].policies, strict=True):
+            for one, other in zip(ours.networks, theirs.networks, strict=True):
+                assert torch.equal(one.parameters, other.parameters)
+    assert any(tensor.any() for name, tensor in last[0].tensors.items() if "actor.first" in name)
+    assert last[0].numbers["added"][0] > TINY.replay_capacity  # the ring had turned
+    assert last[0].numbers["rows"][-1]["diverged_episodes"] > 0
+
+
+def test_seeds_go_on_in_any_grouping(tmp_path):
+    _, last = train(1)
+    start = stopped_at(4, tmp_path, 1)
+    for group in ([2], [1, 0]):
+        seeds = [SEEDS[i] for i in group]
+
+        def env_of(num_envs, group=group):
+            diverging = {TINY.episodes_per_round * group.index(0): 3} if 0 in group else {}
+            return PointEnv(num_envs, max_steps=20, diverge_at=diverging)
+
+        _, states = train(1, seeds=seeds, start=[start[i] for i in group], make_env=env_of)
+        for index, ours in zip(group, states, strict=True):
+            ours_rows = [row["train_steps"] for row in ours.numbers["rows"]]
+            assert ours_rows == [row["train_steps"] for row in last[index].numbers["rows"]]
+            for name, tensor in last[index].tensors.items():
+                assert torch.equal(ours.tensors[name], tensor), (index, name)
+
+
+def test_interrupted_again_and_again(tmp_path):
+    _, (last,) = train(2, seeds=[5], periods=2)
+    states: list[SeedState] = []
+    for life in range(6):  # a round each
+        states = stopped_at(0, tmp_path / str(life), 2, seeds=[5], start=states)
+    _, (ours,) = train(2, seeds=[5], start=states)
+    assert_same_states(ours, last)
+
+
+def test_the_clock_goes_on(tmp_path):
+    (state,) = stopped_at(3, tmp_path, 0, seeds=[0])
+    state.numbers["seconds"] = 1000.0
+    results, (after,) = train(0, seeds=[0], start=[state])
+    assert [result.period for result in results] == [2]
+    assert 1000 < results[0].rows[0]["wall_seconds"] <= after.numbers["seconds"] < 1100
+
+
+def test_seeds_of_one_checkpoint_stand_at_one_time(tmp_path):
+    """Statistics tell by it which seeds were trained side by side."""
+    states = stopped_at(3, tmp_path, 1)
+    assert len({state.numbers["seconds"] for state in states}) == 1 < len(states)
+
+
+def test_restoring_leaves_all_memory_in_place(tmp_path):
+    """Views of some of the seeds, and captured graphs, point at it."""
+    start = stopped_at(3, tmp_path, 1)
+    work = loop._Training(make_env, TINY, SEEDS, horizons(20, 1), "cpu")
+
+    def addresses():
+        return [t.data_ptr() for i in range(3) for t in work._population._tensors(i).values()]
+
+    before = addresses()
+    work.restore(start)
+    assert addresses() == before
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (dict(seeds=[3, 1]), "longer"),
+        (dict(seeds=[3, 1, 4, 5]), "shorter"),
+        (dict(seeds=[1, 3, 4]), "state is of seed 3, not of seed 1"),
+        (dict(config=dataclasses.replace(TINY, hidden_sizes=(8, 4))), "level0.actor is"),
+        (dict(config=dataclasses.replace(TINY, replay_capacity=500)), "replay is"),
+        (dict(layers=2), "not a state of this training"),
+        (dict(layers=0), "is .* in the state"),
+    ],
+)
+def test_a_state_of_something_else_is_refused(tmp_path, change, message):
+    arguments = dict(layers=1, start=stopped_at(4, tmp_path, 1)) | change
+    with pytest.raises(ValueError, match=message):
+        train(**arguments)
+
+
+def test_seeds_that_stand_at_different_episodes_are_refused(tmp_path):
+    early, late = (stopped_at(n, tmp_path / str(n), 0) for n in (1, 2))
+    with pytest.raises(ValueError, match=r"episodes \[4, 8\]"):
+        train(0, start=[early[0], late[1], late[2]])
+
+
+SHORT = dataclasses.replace(TINY, episodes_per_period=8, test_episodes=2, batch_size=32)
+
+
+def _resumed_equals_uninterrupted(task, layers, folder, seeds):
+    arguments = dict(
+        make_env=functools.partial(tasks.load_vector, task),
+        max_steps=tasks.load_vector(task, 1).max_steps,
+        config=SHORT,
+        seeds=seeds,
+    )
+    _, last = train(layers, **arguments)
+    for number in (1, 2, 3):  # in mid-period, after a test period, and in the next one
+        start = stopped_at(number, folder / str(number), layers, **arguments)
+        _, states = train(layers, start=start, **arguments)
+        for ours, theirs in zip(states, last, strict=True):
+            assert_same_states(ours, theirs)
+
+
+def test_a_real_task_resumed_equals_uninterrupted(tmp_path):
+    _resumed_equals_uninterrupted("ur5_reacher", 1, tmp_path, seeds=[2])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("layers", [0, 1, 2])
+@pytest.mark.parametrize("task", tasks.ALL)
+def test_every_task_resumed_equals_uninterrupted(task, layers, tmp_path):
+    _resumed_equals_uninterrupted(task, layers, tmp_path, seeds=[2, 7])

@@ -1,0 +1,206 @@
+"""Flags become a checked request; whatever is wrong is answered in one line that helps."""
+
+import sys
+
+import pytest
+import torch
+
+import hac_suite
+import tasks
+from launch.asking import program, request
+from launch.asking.errors import CommandError
+
+
+def parse(*words: str) -> request.Request:
+    return request.parse(["launch/run.py", *words])
+
+
+def test_defaults_are_the_main_job():
+    request = parse()
+    assert request.tasks == ("pick_place",)
+    assert request.subgoal_layers == (0, 1, 2)
+    assert request.seeds == tuple(range(10))
+    assert (request.periods, request.workers, request.video) == (10, 0, True)
+    assert str(request.out) == "runs"
+    assert request.config == hac_suite.PRESETS["paper"]
+
+
+def test_flags_reach_the_request():
+    request = parse(
+        "--task=all", "--seeds=3", "--subgoal_layers=2,0", "--periods=4", "--out=x y/ü",
+        "--workers=5", "--novideo", "--executor=ray", "--ray_address=10.0.0.1:6379",
+        "--tensorboard",
+    )  # fmt: skip
+    assert request.tasks == tuple(tasks.ALL)
+    assert (request.seeds, request.subgoal_layers) == ((0, 1, 2), (0, 2))
+    assert request.attempts == {}
+    assert (request.periods, request.workers, request.video) == (4, 5, False)
+    assert str(request.out) == "x y/ü"
+    assert (request.executor, request.ray_address) == ("ray", "10.0.0.1:6379")
+    assert request.tensorboard and not parse().tensorboard and parse().executor == "local"
+
+
+@pytest.mark.parametrize("preset", sorted(hac_suite.PRESETS))
+def test_each_preset_has_a_config_file(preset):
+    path = request.CONFIGS / f"{preset}.py"
+    assert parse(f"--config={path}").config == hac_suite.PRESETS[preset]
+
+
+def test_overrides_change_one_field_each():
+    config = parse(
+        "--config.batch_size=32", "--config.discount=1", "--noconfig.bounded_critic",
+        "--config.test_draw=each_level", "--config.hidden_sizes=(8, 9)",
+    ).config  # fmt: skip
+    assert (config.batch_size, config.discount, config.bounded_critic) == (32, 1.0, False)
+    assert (config.test_draw, config.hidden_sizes) == ("each_level", (8, 9))
+    assert config.learning_rate == hac_suite.PRESETS["paper"].learning_rate
+
+
+@pytest.mark.parametrize(
+    ("word", "answer"),
+    [
+        ("--task=pick_plce", "unknown task 'pick_plce': did you mean 'pick_place'?"),
+        ("--task=../pick_place", "unknown task '../pick_place'"),
+        ("--task=", "unknown task ''"),
+        ("--seeds=0", "--seeds=0"),
+        ("--seeds=-1", "--seeds=-1"),
+        ("--seeds=abc", "--seeds=abc: it takes how many (10: seeds 0 to 9), or which"),
+        ("--seeds=9-3", "--seeds=9-3: it takes how many"),
+        ("--seeds=3,3", "--seeds=3,3: a seed is there twice"),
+        ("--seeds=3,1-5", "a seed is there twice"),
+        ("--seeds=", "--seeds=: it takes how many"),
+        ("--seeds=0-999999", "that is 1000000 seeds; it takes 1 to 100000"),
+        ("--T=20,0", "--T=20,0: it takes a count for each level, the lowest first"),
+        ("--T=", "--T=: it takes a count for each level"),
+        ("--T=20,8/30,9", "30,9 is of the agent with 1 subgoal layer(s), twice"),
+        ("--T=3,3,3,3", "agent with 3 subgoal layer(s), but not asked for"),
+        ("--seeds", "Missing value for flag --seeds"),
+        ("--sedes=3", "unknown flag 'sedes': did you mean 'seeds'?"),
+        ("--subgoal_layers=7x", "--subgoal_layers=7x: it takes some of 0,1,2"),
+        ("--subgoal_layers=3", "--subgoal_layers=3: it takes some of 0,1,2"),
+        ("--subgoal_layers=", "--subgoal_layers=: it takes some of 0,1,2"),
+        ("--periods=0", "--periods=0"),
+        ("--workers=-1", "--workers=-1"),
+        ("--seeds=1000000000000", "--seeds=1000000000000"),
+        ("--out=\udcff", "--out='\\udcff': a folder's name is printable text"),
+        ("--ray_address=auto", "--ray_address=auto: it needs --executor=ray"),
+        ("--executor=ray --ray_address=head", "--ray_address=head: it takes auto, or HOST:PORT"),
+        ("--executor=ray --ray_address=ray://head:1", "it takes auto, or HOST:PORT"),
+        ("--executor=ray --device=cuda", "--device=cuda: --executor=ray trains on CPUs only"),
+        ("--executor=rai", "--executor=rai: value should be one of <local|ray>"),
+        ("--device=gpu", "--device=gpu: value should be one of <cpu|cuda|auto>"),
+        ("pick_place", "unexpected word 'pick_place'"),
+        ("--config=nope.py", "no config file 'nope.py'; there are launch/configs/paper.py"),
+        ("--config nope.py", "no config file 'nope.py'; there are launch/configs/paper.py"),
+        ("--config", "--config: it takes a file"),
+        ("--config=", "no config file ''"),
+        ("--config.batch_sze=3", "unknown config key 'batch_sze': did you mean 'batch_size'?"),
+        ("--config.batch_size=big", "--config.batch_size=big"),
+        ("--config.batch_size=1.5", "--config.batch_size=1.5"),
+        ("--config.discount=7", "discount is 7.0"),
+        ("--config.hidden_sizes=(3,2.5)", "hidden_sizes takes a tuple like (64, 64, 64)"),
+        ("--config.test_draw=sometimes", "test_draw is 'sometimes'"),
+    ],
+)
+def test_bad_input_is_answered_in_one_line(word, answer):
+    with pytest.raises(CommandError) as caught:
+        parse(*word.split(" "))
+    assert answer in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("word", "package", "extra"),
+    [("--executor=ray", "ray", "cluster"), ("--tensorboard", "tensorboard", "tensorboard")],
+)
+def test_where_an_extra_is_absent_one_line_says_how_to_install_it(
+    monkeypatch, word, package, extra
+):
+    monkeypatch.setattr(request.importlib.util, "find_spec", lambda _: None)
+    with pytest.raises(CommandError) as caught:
+        parse(word)
+    assert f"{package} is not installed" in str(caught.value)
+    assert f"'.[{extra}]'" in str(caught.value) and "\n" not in str(caught.value)
+
+
+def test_a_gpu_is_taken_only_where_there_is_one(monkeypatch):
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
+    assert (parse().device, parse("--device=auto").device) == ("cpu", "cpu")
+    with pytest.raises(CommandError, match=r"--device=cuda: the installed torch .*--device=auto"):
+        parse("--device=cuda")
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
+    assert [parse(f"--device={word}").device for word in ("cpu", "cuda", "auto")] == [
+        "cpu",
+        "cuda",
+        "cuda",
+    ]
+
+
+@pytest.mark.parametrize(
+    ("code", "answer"),
+    [
+        ("1 / 0", "config: division by zero"),
+        ("def get_config(: pass", "config: "),
+        ("settings = 3", "get_config"),
+        (
+            "from ml_collections import ConfigDict\n"
+            "def get_config(): return ConfigDict({'discont': 0.5})",
+            "did you mean 'discount'?",
+        ),
+        (
+            "from ml_collections import ConfigDict\n"
+            "def get_config(): return ConfigDict({'discount': 'high'})",
+            "discount takes a value like 0.98, not 'high'",
+        ),
+    ],
+)
+def test_a_broken_config_file_is_answered_in_one_line(tmp_path, monkeypatch, code, answer):
+    monkeypatch.delitem(sys.modules, "config_config", raising=False)  # of the file read before
+    (tmp_path / "mine.py").write_text(code)
+    with pytest.raises(CommandError) as caught:
+        parse(f"--config={tmp_path / 'mine.py'}")
+    assert answer in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_config_file_after_a_space_is_read():
+    path = str(request.CONFIGS / "release_2020.py")
+    assert parse("--config", path).config == hac_suite.PRESETS["release_2020"]
+
+
+def test_help_names_every_flag_and_config_key():
+    with pytest.raises(program.HelpRequested):
+        parse("--help")
+    text = request.help_text()
+    for word in (
+        "--task=pick_place",
+        "--seeds=10",
+        "--subgoal_layers=0,1,2",
+        "subgoal_test_rate",
+        "128+n",
+    ):
+        assert word in text
+
+
+@pytest.mark.parametrize(
+    ("word", "seeds"),
+    [
+        ("3", (0, 1, 2)),
+        ("100-103", (100, 101, 102, 103)),
+        ("3,5", (3, 5)),
+        ("7,1-2", (7, 1, 2)),
+        ("4-4", (4,)),
+        ("0,", None),
+    ],
+)
+def test_seeds_are_a_number_or_a_list(word, seeds):
+    if seeds is None:
+        with pytest.raises(CommandError):
+            parse(f"--seeds={word}")
+    else:
+        assert parse(f"--seeds={word}").seeds == seeds
+
+
+def test_attempts_are_given_for_each_agent():
+    request = parse("--T=20,20/8,8,7", "--subgoal_layers=1,2")
+    assert request.attempts == {1: (20, 20), 2: (8, 8, 7)}

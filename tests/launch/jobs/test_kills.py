@@ -1,0 +1,216 @@
+"""Killed at any moment, and again: nothing is lost, and the end is that of an uninterrupted run."""
+
+import os
+import random
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import NamedTuple
+
+import pytest
+
+from launch.folder import results
+from launch.folder.layout import RunFolder
+from launch.jobs import local
+from launch.jobs.planning import Agent, Job
+from tests.launch import fake_jobs
+from tests.launch.lives import TASK, in_one_process, live, outcome, standings, tiny
+
+__all__ = ["tiny"]
+
+WORDS = ("--seeds=3", "--subgoal_layers=0,1,2", "--periods=3")
+RUN = Path(__file__).resolve().parents[3] / "launch" / "run.py"
+REAL = (
+    "--task=pendulum_climb", "--seeds=2", "--subgoal_layers=1", "--periods=4", "--novideo",
+    "--config.episodes_per_period=24", "--config.test_episodes=4", "--config.batch_size=64",
+    "--config.updates_per_episode=2",
+)  # fmt: skip
+
+
+class Storm(NamedTuple):
+    """What was seen while killing."""
+
+    kills: int
+    half_written: int  # kills that left a file half written
+    lost: int  # checkpoints or finished runs that were there before a kill and not after
+
+
+def storm(out: Path, kills: int, chance: random.Random) -> Storm:
+    """Launches and kills until an experiment is finished, and another, until that is enough."""
+    start = time.monotonic()
+    status, printed = live(out / "whole", *WORDS)
+    whole = time.monotonic() - start  # a fork of a large process starts slowly
+    assert status == 0, printed
+    expected = outcome(out / "whole")
+    assert len(expected["rows"]) == 3 * 3 * 4 and not expected["checkpoints"]
+    killed = half_written = lost = experiments = 0
+    while killed < kills:
+        here, before, status = out / str(experiments), dict[str, int](), -9
+        lives = 0
+        while status:
+            lives += 1
+            assert lives < 100, "killed again and again, it gets nowhere"
+            workers = f"--workers={chance.randint(1, 4)}"  # groups the seeds in other ways
+            status, printed = live(here, *WORDS, workers, kill_after=chance.uniform(0, whole))
+            assert status in (0, -signal.SIGKILL), printed
+            assert "damaged" not in printed and "from nothing" not in printed
+            killed += status != 0
+            half_written += any(here.rglob("*.tmp"))
+            now = standings(here) | finished(here)
+            lost += sum(now.get(name, 0) < episodes for name, episodes in before.items())
+            before = now
+        assert outcome(here) == expected, experiments
+        experiments += 1
+    return Storm(killed, half_written, lost)
+
+
+def finished(out: Path) -> dict[str, int]:
+    """The last episode of each run that has its policy and the rows of all periods."""
+    folder, found = RunFolder(out, TASK), {}
+    rows = [(row["subgoal_layers"], row["seed"]) for row in results.read(folder.results)[0]]
+    for run in {(layer, seed) for layer in range(3) for seed in range(3)}:
+        if folder.has_policy(*run) and rows.count((str(run[0]), str(run[1]))) == 4:
+            found[folder.checkpoint(*run).name] = 36
+    return found
+
+
+def test_killed_at_random_moments(tmp_path, tiny):
+    assert storm(tmp_path, 10, random.Random(1)).lost == 0
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(1800)
+def test_a_storm_of_kills_loses_nothing(tmp_path, tiny):
+    seen = storm(tmp_path, 200, random.Random(2))
+    print(seen)
+    assert seen.kills >= 200 and seen.lost == 0
+    assert seen.half_written >= 5  # many came in the middle of a save
+
+
+def start(folder: Path) -> subprocess.Popen:
+    """`launch/run.py` in a process group of its own."""
+    return subprocess.Popen(
+        [sys.executable, RUN, *REAL],
+        cwd=folder,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        start_new_session=True,
+    )
+
+
+def finish(launched: subprocess.Popen) -> str:
+    printed, _ = launched.communicate(timeout=200)
+    assert launched.returncode == 0, printed
+    return printed
+
+
+def wait_for_checkpoint(folder: Path, after: int = 0, seconds: float = 120) -> int:
+    """Waits until a run stands beyond an episode; returns where."""
+    end = time.monotonic() + seconds
+    while time.monotonic() < end:
+        stands = [int(file.stem) for file in folder.glob("runs/*/checkpoints/*/*.json")]
+        if max(stands, default=0) > after:
+            return max(stands)
+        time.sleep(0.02)
+    raise TimeoutError(f"no checkpoint beyond episode {after}")
+
+
+def wait_until_gone(group: int, seconds: float = 10) -> None:
+    """Waits until no process of the group is left."""
+    end = time.monotonic() + seconds
+    while time.monotonic() < end:
+        try:
+            os.killpg(group, 0)
+        except ProcessLookupError:
+            return
+        time.sleep(0.05)
+    raise TimeoutError("workers outlive their launch")
+
+
+def test_a_worker_dies_with_its_launch_whatever_it_is_at(tmp_path):
+    reader, writer = os.pipe()
+    launched = os.fork()
+    if not launched:
+        try:
+            os.setsid()
+            local.execute(
+                [Job(Agent("hangs", 0), (0,))],
+                fake_jobs.fail_by_name,
+                workers=1,
+                log=lambda job: tmp_path / "log",
+                on_message=lambda job, message: message == "started" and os.write(writer, b"1"),
+                on_poll=lambda: None,
+                stop=local.StopSignal(),
+            )
+        finally:
+            os._exit(1)  # not the tests again
+    assert os.read(reader, 1) == b"1"
+    os.kill(launched, signal.SIGKILL)
+    os.waitpid(launched, 0)
+    wait_until_gone(launched)
+
+
+def uninterrupted(out: Path, monkeypatch: pytest.MonkeyPatch) -> dict:
+    """What real training leaves that nothing interrupts."""
+    in_one_process(monkeypatch)
+    status, printed = live(out, usual=REAL)
+    assert status == 0, printed
+    return outcome(out)
+
+
+def test_a_killed_launch_goes_on_in_real_processes(tmp_path, monkeypatch):
+    killed = start(tmp_path)
+    episode = wait_for_checkpoint(tmp_path)
+    killed.kill()  # the launch alone: its workers notice
+    killed.communicate()
+    wait_until_gone(killed.pid)
+    going_on = start(tmp_path)
+    # Saved at once by a signal, with an exit status of its own; then to the end.
+    later = wait_for_checkpoint(tmp_path, after=episode)
+    going_on.send_signal(signal.SIGTERM)
+    printed, _ = going_on.communicate(timeout=60)
+    assert going_on.returncode == 128 + signal.SIGTERM, printed
+    assert "go on from episode" in printed and "stopping: unfinished runs are saved" in printed
+    wait_until_gone(going_on.pid)
+    saved = wait_for_checkpoint(tmp_path, after=later - 1)
+    printed = finish(start(tmp_path))
+    assert f"go on from episode {saved}" in printed or f", {saved}" in printed
+    left = outcome(tmp_path / "runs")
+    assert len(left["rows"]) == 2 * 5
+    assert left == uninterrupted(tmp_path / "whole", monkeypatch)
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(1200)
+def test_real_launches_killed_at_random_moments(tmp_path, monkeypatch):
+    """The launch, a worker, or all of them at once, as a lack of memory or a power cut would."""
+    expected, chance, kills = uninterrupted(tmp_path / "whole", monkeypatch), random.Random(3), 0
+    for number in range(4):
+        folder = tmp_path / str(number)
+        folder.mkdir()
+        for _ in range(5):
+            launched = start(folder)
+            time.sleep(chance.uniform(1, 14))
+            victim = chance.choice(["launch", "worker", "all"])
+            if launched.poll() is None:
+                kills += 1
+                _kill(launched, victim)
+            printed, _ = launched.communicate(timeout=100)
+            assert "damaged" not in printed and "Traceback" not in printed, printed
+            wait_until_gone(launched.pid)
+        finish(start(folder))
+        assert outcome(folder / "runs") == expected
+    print(kills, "kills")
+    assert kills >= 10
+
+
+def _kill(launched: subprocess.Popen, victim: str) -> None:
+    if victim == "all":
+        os.killpg(launched.pid, signal.SIGKILL)
+        return
+    children = Path(f"/proc/{launched.pid}/task/{launched.pid}/children").read_text().split()
+    chosen = int(children[-1]) if victim == "worker" and children else launched.pid
+    os.kill(chosen, signal.SIGKILL)

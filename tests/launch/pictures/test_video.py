@@ -1,0 +1,298 @@
+"""Rendering in a process of its own: real policies become files, failures leave nothing behind."""
+
+import json
+import shutil
+import subprocess
+import sys
+import threading
+import time
+import types
+from pathlib import Path
+
+import imageio.v3 as iio
+import numpy as np
+import pytest
+
+import hac_suite
+import tasks
+from launch import doctor, play
+from launch.asking import settings
+from launch.folder import policies
+from launch.folder.layout import RunFolder
+from launch.jobs import worker
+from launch.jobs.local import StopSignal
+from launch.pictures import rendering, video
+
+TASK = "ur5_reacher"
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory) -> RunFolder:
+    """A run folder with the untrained policy of seed 3, two subgoal layers."""
+    folder = RunFolder(tmp_path_factory.mktemp("runs"), TASK)
+    folder.policies.mkdir(parents=True)
+    config = hac_suite.Config(test_episodes=1)
+    result = next(
+        hac_suite.train(
+            lambda n: tasks.load_vector(TASK, n),
+            config,
+            [3],
+            subgoal_layers=2,
+            horizons=hac_suite.horizons(tasks.load_vector(TASK, 1).max_steps, 2),
+            periods=1,
+        )
+    )
+    metadata = {
+        "task": TASK,
+        "subgoal_layers": 2,
+        "seed": 3,
+        "success_rate": 0.0,
+        "config": settings.as_json(config),
+    }
+    worker.save_policy(result.policies[0], folder.policy(2, 3), metadata)
+    return folder
+
+
+@pytest.fixture
+def run(folder) -> list[str]:
+    return ["launch/play.py", f"--run={folder.path}"]
+
+
+@pytest.fixture
+def copy(folder, tmp_path) -> RunFolder:
+    """A copy of the run folder that a test may damage."""
+    return RunFolder(Path(shutil.copytree(folder.path, tmp_path / "copy" / TASK)).parent, TASK)
+
+
+def test_a_saved_policy_leaves_no_other_file(folder):
+    assert {path.name for path in folder.policies.iterdir()} == {
+        f"{TASK}_2layers_seed3.json",
+        f"{TASK}_2layers_seed3.safetensors",
+    }
+
+
+@pytest.mark.requires_gl
+def test_play_writes_an_mp4_that_players_open(run, tmp_path, capsys):
+    output = tmp_path / "new folder" / "v.mp4"
+    assert play.main([*run, "--episodes=1", f"--output={output}"]) == 0
+    assert capsys.readouterr().out.strip().endswith(str(output))
+    assert [path.name for path in output.parent.iterdir()] == ["v.mp4"]
+    described = iio.immeta(output, plugin="pyav")
+    assert (described["codec"], described["fps"]) == ("h264", rendering.frames_per_second(TASK))
+    assert described["video_format"].startswith("yuv420p")
+    frames = iio.imread(output, plugin="pyav")
+    assert frames.shape[2:] == (rendering.SIZE[0], 3) and len(frames) > 45
+    title, picture = frames[0, :56], frames[0, 56:]
+    assert title.max() > 200 and picture.std() > 10
+    assert np.abs(frames[0].astype(int) - frames[len(frames) // 2]).max() > 50
+
+
+@pytest.mark.requires_gl
+def test_play_writes_a_strip_of_frames_from_a_renamed_run_folder(copy, tmp_path):
+    output, renamed = tmp_path / "strip.png", tmp_path / "of last week"
+    copy.path.rename(renamed)
+    words = [f"--run={renamed}", "--seed=3", f"--output={output}"]
+    assert play.main(["launch/play.py", *words]) == 0
+    strip = iio.imread(output)
+    assert strip.shape == (268, 6 * 320, 3)
+    first, last = strip[:, :320], strip[:, -320:]
+    assert np.abs(first.astype(int) - last).max() > 50
+
+
+@pytest.mark.parametrize(
+    ("words", "answer"),
+    [
+        (["--task=pick_place"], "--task=pick_place: "),
+        (["--task=pick_place"], f"holds policies of {TASK}"),
+        (["--task=ur5_reachr"], "unknown task 'ur5_reachr': did you mean 'ur5_reacher'?"),
+        (["--seed=4"], "no policy of 2 subgoal layers, seed 4; it has 2 subgoal layers: seeds 3"),
+        (["--subgoal_layers=1"], "no policy of 1 subgoal layer"),
+        (["--run=elsewhere"], "elsewhere holds no policies; train some with"),
+        (["--output=v.gif"], "ends in .mp4 or .png"),
+        (["--sed=3"], "unknown flag 'sed': did you mean 'seed'?"),
+        (["--episodes=0"], "--episodes=0"),
+    ],
+)
+def test_play_answers_bad_input_in_one_line(run, capsys, words, answer):
+    assert play.main([*run, *words]) == 2
+    printed = capsys.readouterr()
+    assert answer in printed.err and printed.err.count("\n") == 1 and not printed.out
+
+
+@pytest.mark.parametrize(
+    ("text", "answer"),
+    [
+        ("{", "Expecting property name"),
+        ("[1]", "its task is None"),
+        (f'{{"task": "{TASK}", "subgoal_layers": "two"}}', "its subgoal_layers is 'two'"),
+        (
+            f'{{"task": "{TASK}", "subgoal_layers": 2, "seed": 3, "success_rate": NaN}}',
+            "its success_rate is nan",
+        ),
+    ],
+)
+def test_a_damaged_description_is_answered_in_one_line(copy, tmp_path, capsys, text, answer):
+    file = copy.policy(2, 3).with_suffix(".json")
+    file.write_text(text)
+    assert play.main(["launch/play.py", f"--run={copy.path}", f"--output={tmp_path}/v.mp4"]) == 2
+    printed = capsys.readouterr().err
+    assert f"{file} does not describe a policy" in printed and answer in printed
+    assert printed.count("\n") == 1
+
+
+def test_a_seed_that_succeeds_is_shown_if_the_median_one_never_does(monkeypatch):
+    def found(seed: int, success_rate: float) -> policies.Found:
+        return policies.Found(Path(str(seed)), TASK, 2, seed, success_rate)
+
+    rates = [0.5, 0.25, 0.0, 0.75, 0.0]
+    order = policies.typical([found(seed, rate) for seed, rate in enumerate(rates)])
+    assert [policy.seed for policy in order] == [1, 3, 0]  # the median, then the best first
+
+    succeeds = {"1": [False, False, False], "3": [False, True, False], "0": [True, True, True]}
+    monkeypatch.setattr(rendering.hac_suite.Policy, "load", lambda path: path)
+    monkeypatch.setattr(
+        rendering,
+        "_test_episodes",
+        lambda policy, least: (np.array([7, 8, 9]), np.array(succeeds[policy])),
+    )
+    paths = [str(policy.path) for policy in order]
+    assert rendering.choose(paths, 2) == ("3", [8, 7])
+    assert rendering.choose(paths[:1], 2) == ("1", [7, 8])
+
+
+def test_episodes_are_chosen_among_those_that_were_tested(monkeypatch):
+    tested = []
+    reset = tasks.VectorEnv.reset
+
+    def recorded(env, seeds=None, *, mask=None, test=False):
+        if test:
+            tested.append(np.array(seeds))
+        return reset(env, seeds, mask=mask, test=test)
+
+    monkeypatch.setattr(tasks.VectorEnv, "reset", recorded)
+    config = hac_suite.Config(test_episodes=5)
+    result = next(
+        hac_suite.train(
+            lambda n: tasks.load_vector(TASK, n),
+            config,
+            [3, 4],
+            subgoal_layers=0,
+            horizons=(tasks.load_vector(TASK, 1).max_steps,),
+            periods=1,
+        )
+    )
+    (both,) = tested
+    metadata = {"task": TASK, "seed": 4, "config": settings.as_json(config)}
+    policy = hac_suite.Policy(result.policies[1].networks, result.policies[1].horizons, metadata)
+    monkeypatch.setattr(rendering.hac_suite.Policy, "load", lambda path: policy)
+    _, shown = rendering.choose(["any"], 2)
+    assert tested[1].tolist() == both[5:].tolist()
+    assert set(shown) <= set(both[5:].tolist())
+
+
+@pytest.mark.parametrize("task", tasks.ALL)
+def test_videos_play_at_the_tasks_pace_or_up_to_twice_as_slow(task):
+    of_steps = 1 / (2 * tasks.load_vector(task, 1).control_timestep)
+    assert 0.98 <= of_steps / rendering.frames_per_second(task) < 2
+
+
+def test_the_title_bounds_the_attempts_that_are_bounded():
+    view = types.SimpleNamespace(step=7, attempts=[np.array([3]), np.array([12])])
+    released, held = hac_suite.Config(), hac_suite.Config(test_until_horizon=False)
+    assert rendering.counts(view, 99, (9, 11), released) == (
+        "step 7/99   attempts at level 0: 3/9,  level 1: 12"
+    )
+    assert rendering.counts(view, 99, (9, 11), held).endswith("level 1: 12/11")
+
+
+def test_no_backend_means_a_remedy_and_no_file(folder, tmp_path):
+    with pytest.raises(video.RenderingError, match="apt-get install libegl1"):
+        video.render([folder.policy(2, 3)], tmp_path / "v.mp4", backends=("nonsense",))
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.requires_gl
+def test_falling_back_is_announced(folder, tmp_path):
+    output = tmp_path / "strip.png"
+    (note,) = video.render([folder.policy(2, 3)], output, backends=("nonsense", "egl"))
+    assert "rendered with egl, since nonsense:" in note
+    assert output.exists()
+
+
+@pytest.mark.requires_gl
+def test_a_pickle_is_not_rendered(folder, tmp_path):
+    stem = tmp_path / "fake"
+    (tmp_path / "fake.json").write_text(folder.policy(2, 3).with_suffix(".json").read_text())
+    (tmp_path / "fake.safetensors").write_bytes(b"\x80\x04cos\nsystem\n.")
+    with pytest.raises(video.RenderingError, match="not a safetensors policy") as caught:
+        video.render([stem], tmp_path / "v.mp4")
+    # The policy is at fault: no other backend is tried and none is recommended.
+    assert str(caught.value).startswith("policy: ") and "osmesa" not in str(caught.value).lower()
+
+
+def test_an_encoder_that_dies_leaves_no_half_video(folder, tmp_path, monkeypatch):
+    def dies(choice, path: Path) -> None:
+        path.write_bytes(b"half a video")
+        raise OSError("the encoder died")
+
+    monkeypatch.setattr(rendering, "write_video", dies)
+    paths = [str(folder.policy(2, 3))]
+    request = {"policies": paths, "output": str(tmp_path / "v.mp4"), "episodes": 1}
+    with pytest.raises(OSError, match="encoder died"):
+        rendering.main(json.dumps(request))
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_renderer_that_hangs_is_given_up():
+    assert video.run_renderer("egl", "{}", timeout=0.0) == "gave no result within 0 s"
+
+
+def test_a_stop_ends_the_renderer():
+    stop = StopSignal()
+    threading.Timer(0.5, lambda: setattr(stop, "number", 2)).start()
+    start = time.monotonic()
+    with pytest.raises(video.RenderingError, match="stopped"):
+        video.run_renderer("egl", "{}", stop=stop)
+    assert time.monotonic() - start < 10
+
+
+def test_after_a_stop_no_other_backend_is_tried(tmp_path, monkeypatch):
+    stop = StopSignal()
+
+    def started(command, *, env, **_):
+        assert env["MUJOCO_GL"] == "egl"
+        stop.number = 2  # while the first backend fails
+        return subprocess.Popen([sys.executable, "-c", "1 / 0"], stderr=subprocess.PIPE, text=True)
+
+    monkeypatch.setattr(video, "subprocess", types.SimpleNamespace(**vars(subprocess)))
+    monkeypatch.setattr(video.subprocess, "Popen", started)
+    with pytest.raises(video.RenderingError, match=r"^stopped$"):
+        video.render([tmp_path / "any"], tmp_path / "v.mp4", stop=stop)
+
+
+def test_the_doctor_finds_what_training_needs():
+    assert doctor.check_packages().good and doctor.check_cores().good
+    assert doctor.check_mp4().good
+
+
+@pytest.mark.requires_gl
+def test_the_doctor_finds_what_rendering_needs():
+    found = doctor.check_rendering()
+    assert found[0].text == "rendering with egl: works"
+
+
+def test_the_doctor_names_remedies(monkeypatch, capsys):
+    monkeypatch.setattr(doctor.video, "BACKENDS", ("nonsense",))
+    monkeypatch.setattr(doctor, "_LEAST_FREE", 1e9)
+    assert doctor.main() == 1
+    printed = capsys.readouterr().out
+    assert "FAIL rendering with nonsense" in printed and "remedy: for rendering" in printed
+    assert "FAIL disk" in printed and "remedy: free" in printed
+
+
+def test_scripts_run_from_anywhere(tmp_path):
+    script = Path(play.__file__)
+    done = subprocess.run(
+        [sys.executable, script, "--help"], cwd=tmp_path, capture_output=True, text=True
+    )
+    assert done.returncode == 0 and "--output=video.mp4" in done.stdout
