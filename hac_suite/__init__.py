@@ -1,6 +1,7 @@
 """Hierarchical Actor-Critic for populations of seeds."""
 
 from hac_suite.algorithm.hierarchy import StepView
+from hac_suite.algorithm.record import Outcome
 from hac_suite.config import PRESETS, Config, horizons
 from hac_suite.policy import Policy
 from hac_suite.state import SeedState
@@ -15,6 +16,7 @@ __all__ = [
     "Config",
     "EpisodeStats",
     "Lost",
+    "Outcome",
     "PeriodResult",
     "Policy",
     "Progress",

@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from hac_suite.algorithm.record import LevelRecord, Round
+from hac_suite.algorithm.record import LevelRecord, Outcome, Round
 from hac_suite.config import Config
 from hac_suite.types import GoalSpace
 
@@ -72,8 +72,10 @@ def penalised(record: LevelRecord, config: Config) -> np.ndarray:
     One cut short by a higher goal or by the horizon is no evidence that the subgoal was out of
     reach.
     """
-    failed = record.done & record.tested & ~record.hit
-    return failed if config.penalise_cut_short else failed & record.exhausted
+    failed = record.outcome == Outcome.MISSED
+    if config.penalise_cut_short:
+        failed = failed | (record.outcome == Outcome.CUT_SHORT)
+    return failed & record.tested
 
 
 def _attempts(
@@ -82,8 +84,9 @@ def _attempts(
     env, time = np.nonzero(record.done.T)
     action = record.output[time, env]
     if level and config.hindsight_actions:
+        hit = record.outcome[time, env] == Outcome.ACHIEVED
         achieved = space.normalise(recorded.achieved_subgoal[time + 1, env])
-        action = np.where(record.hit[time, env][:, None], action, achieved)
+        action = np.where(hit[:, None], action, achieved)
     return _Attempts(
         env=env,
         time=time,
