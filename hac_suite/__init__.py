@@ -2,7 +2,7 @@
 
 from hac_suite.algorithm.hierarchy import StepView
 from hac_suite.algorithm.record import Outcome
-from hac_suite.config import PRESETS, Config, horizons
+from hac_suite.config import PRESETS, Config, completed, horizons
 from hac_suite.policy import Policy
 from hac_suite.state import SeedState
 from hac_suite.training.evaluation import EpisodeStats, run_episodes
@@ -23,6 +23,7 @@ __all__ = [
     "SeedState",
     "StepView",
     "VectorEnv",
+    "completed",
     "horizons",
     "run_episodes",
     "train",

@@ -26,11 +26,10 @@ class Config:
     # -- Hindsight (Section 3.3)
     hindsight_actions: bool = True  # text; False stores the proposed subgoal even when missed
     hindsight_goals: int = 3  # "a few"; R18 and R20 take 3; 0 switches hindsight goals off
-    # What they count for: each segment, whose `preceding` (text) or all (`segment`, R20)
+    # What they are picked for: each segment, whose `preceding` (text) or all (`segment`, R20)
     # transitions a picked state relabels; or each transition, which is relabelled by states of its
-    # `future` (Andrychowicz et al. 2017, k = 4), or, `pairs`, as many pairs of a transition and a
-    # later state of its segment, drawn uniformly (ours).
-    hindsight_relabels: Literal["preceding", "segment", "future", "pairs"] = "preceding"
+    # `future` in the segment (HER, Andrychowicz et al. 2017, k = 4).
+    hindsight_relabels: Literal["preceding", "segment", "future"] = "preceding"
     hindsight_pick_last: bool = False  # R18, R20: the segment's last state is always picked
     drop_held_hindsight: bool = True  # ours: a goal that held before the segment teaches nothing
 
@@ -76,7 +75,7 @@ class Config:
         self._require("learning_rate", 0 < self.learning_rate < math.inf, "above zero")
         self._require("initial_q", -1 < self.initial_q < 0, "between -1 and 0")
         self._require_one_of("test_draw", "top", "each_level")
-        self._require_one_of("hindsight_relabels", "preceding", "segment", "future", "pairs")
+        self._require_one_of("hindsight_relabels", "preceding", "segment", "future")
         self._require_one_of("critic_floor", "attempts", "returns")
         self._require(
             "hidden_sizes",

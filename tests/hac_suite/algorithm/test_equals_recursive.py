@@ -246,11 +246,10 @@ SWITCHES = {
 
 @pytest.mark.parametrize("dropped", [True, False])
 @pytest.mark.parametrize("goals", [1, 2, 4])
-@pytest.mark.parametrize("relabels", ["future", "pairs"])
 @pytest.mark.parametrize("levels", HORIZONS)
-def test_hindsight_for_each_transition_means_the_same_to_both(levels, relabels, goals, dropped):
+def test_hindsight_for_each_transition_means_the_same_to_both(levels, goals, dropped):
     config = dataclasses.replace(
-        PAPER, hindsight_relabels=relabels, hindsight_goals=goals, drop_held_hindsight=dropped
+        PAPER, hindsight_relabels="future", hindsight_goals=goals, drop_held_hindsight=dropped
     )
     horizons = HORIZONS[levels][-1]
     built = array_transitions(config, horizons, seed=8)
