@@ -199,6 +199,9 @@ class Hierarchy:
         self._outcome[level][:] = np.where(
             completed, outcome, np.where(lost, Outcome.CUT_SHORT, Outcome.OPEN)
         )
+        if self._draws is None:
+            for each in (Outcome.ACHIEVED, Outcome.MISSED, Outcome.CUT_SHORT):
+                self._round.outcomes[level, :, each] += self._outcome[level] == each
         self._cut_by[level][:] = BY_EPISODE
         for above in range(self._top, level - 1, -1):  # the lowest of them decides
             self._cut_by[level][reached[above]] = above

@@ -71,6 +71,9 @@ class Round(NamedTuple):
     success: np.ndarray  # bool [N]: the end goal was achieved
     steps: np.ndarray  # int [N]: primitive actions taken
     diverged: np.ndarray  # bool [N]
+    # int [levels, N, 4]: how many of each level's subgoals came to each Outcome; in tests only,
+    # where nothing else is recorded.
+    outcomes: np.ndarray
 
     @classmethod
     def empty(
@@ -91,6 +94,7 @@ class Round(NamedTuple):
             success=np.zeros(n, bool),
             steps=np.zeros(n, np.int64),
             diverged=np.zeros(n, bool),
+            outcomes=np.zeros((len(goals), n, len(Outcome)), np.int64),
         )
         made.write_state(0, state)
         return made

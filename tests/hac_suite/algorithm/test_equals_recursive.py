@@ -292,6 +292,10 @@ def assert_same_test_episodes(config, horizons, seed):
         assert run.diverged[n] == agent.state.diverged
         assert run.success[n] == (agent.achieved(agent.top) and not agent.state.diverged)
         if not agent.state.diverged:
+            told = Counter((level, outcome) for _, level, outcome, _ in agent.outcomes)
+            for level in range(1, len(horizons)):
+                for outcome in (Outcome.ACHIEVED, Outcome.MISSED, Outcome.CUT_SHORT):
+                    assert run.outcomes[level, n, outcome] == told[level, outcome]
             emitted = [
                 (step, level, outcome[level - 1, n], cut_by[level - 1, n])
                 for step, (outcome, cut_by) in enumerate(outcomes[1 : agent.t + 1], start=1)
