@@ -1,7 +1,8 @@
 """Hierarchical Actor-Critic for populations of seeds."""
 
 from hac_suite.algorithm.hierarchy import StepView
-from hac_suite.config import PRESETS, Config, horizons
+from hac_suite.algorithm.record import Outcome
+from hac_suite.config import PRESETS, Config, completed, horizons
 from hac_suite.policy import Policy
 from hac_suite.state import SeedState
 from hac_suite.training.evaluation import EpisodeStats, run_episodes
@@ -15,12 +16,14 @@ __all__ = [
     "Config",
     "EpisodeStats",
     "Lost",
+    "Outcome",
     "PeriodResult",
     "Policy",
     "Progress",
     "SeedState",
     "StepView",
     "VectorEnv",
+    "completed",
     "horizons",
     "run_episodes",
     "train",

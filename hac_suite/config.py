@@ -5,17 +5,38 @@ import math
 from collections.abc import Mapping
 from typing import Any, Literal
 
+from hac_suite.learning import learners
+
 # Sources: "text" is the preprint; R18 and R20 are the authors' releases of July 2018 and May 2020;
 # "ours" was measured on this project's tasks.
 
 
-@dataclasses.dataclass(frozen=True)
-class Config:
-    """Hyperparameters of one experiment. Rates are probabilities; noise is in half-ranges.
+class _Part:
+    """What the parts of a config have: checks of their fields."""
 
-    Raises:
-        ValueError: a value is outside what its comment allows; the message names it.
-    """
+    def _require(self, name: str, holds: bool, wanted: str) -> None:
+        if not holds:
+            raise ValueError(f"{name} is {getattr(self, name)!r}; it must be {wanted}.")
+
+    def _require_shares(self, *names: str) -> None:
+        for name in names:
+            self._require(name, 0 <= getattr(self, name) <= 1, "between 0 and 1")
+
+    def _require_amounts(self, *names: str) -> None:
+        for name in names:
+            self._require(name, 0 <= getattr(self, name) < math.inf, "zero or more")
+
+    def _require_counts(self, *names: str) -> None:
+        for name in names:
+            self._require(name, getattr(self, name) >= 1, "at least 1")
+
+    def _require_one_of(self, name: str, *words: str) -> None:
+        self._require(name, getattr(self, name) in words, "one of " + ", ".join(words))
+
+
+@dataclasses.dataclass(frozen=True)
+class HierarchyConfig(_Part):
+    """How the levels work together: the algorithm of the paper."""
 
     # -- Subgoal testing (Section 3.2)
     subgoal_test_rate: float = 0.3  # lambda; R20 0.3, R18 0.2
@@ -26,11 +47,10 @@ class Config:
     # -- Hindsight (Section 3.3)
     hindsight_actions: bool = True  # text; False stores the proposed subgoal even when missed
     hindsight_goals: int = 3  # "a few"; R18 and R20 take 3; 0 switches hindsight goals off
-    # What they count for: each segment, whose `preceding` (text) or all (`segment`, R20)
+    # What they are picked for: each segment, whose `preceding` (text) or all (`segment`, R20)
     # transitions a picked state relabels; or each transition, which is relabelled by states of its
-    # `future` (Andrychowicz et al. 2017, k = 4), or, `pairs`, as many pairs of a transition and a
-    # later state of its segment, drawn uniformly (ours).
-    hindsight_relabels: Literal["preceding", "segment", "future", "pairs"] = "preceding"
+    # `future` in the segment (HER, Andrychowicz et al. 2017, k = 4).
+    hindsight_relabels: Literal["preceding", "segment", "future"] = "preceding"
     hindsight_pick_last: bool = False  # R18, R20: the segment's last state is always picked
     drop_held_hindsight: bool = True  # ours: a goal that held before the segment teaches nothing
 
@@ -40,14 +60,36 @@ class Config:
     action_noise: float = 0.1  # standard deviation at level 0; R18, R20
     subgoal_noise: float = 0.1  # at the levels above; R18 0.1, R20 0.03-0.1
 
-    # -- Episodes
+    def _check_hierarchy(self) -> None:
+        self._require_shares("subgoal_test_rate", "random_action_rate", "random_subgoal_rate")
+        self._require_amounts("action_noise", "subgoal_noise", "hindsight_goals")
+        self._require_one_of("test_draw", "top", "each_level")
+        self._require_one_of("hindsight_relabels", "preceding", "segment", "future")
+
+
+@dataclasses.dataclass(frozen=True)
+class ScheduleConfig(_Part):
+    """Which episodes are played, and how many."""
+
     continue_after_goal: bool = False  # R18: a training episode goes on after the end goal
     test_until_horizon: bool = True  # R18, R20: in tests the top level is not held to T_n
     episodes_per_period: int = 300  # Section 4.2
     test_episodes: int = 64  # Section 4.2
     episodes_per_round: int = 4  # ours: episodes a seed collects between rounds of updates
 
-    # -- Learning
+    def _check_schedule(self) -> None:
+        self._require_counts("episodes_per_period", "test_episodes", "episodes_per_round")
+        self._require(
+            "episodes_per_period",
+            self.episodes_per_period % self.episodes_per_round == 0,
+            f"a multiple of episodes_per_round ({self.episodes_per_round})",
+        )
+
+
+@dataclasses.dataclass(frozen=True)
+class LearnerConfig(_Part):
+    """What each level learns with."""
+
     discount: float = 0.98  # R18, R20
     batch_size: int = 256  # ours; R18, R20 1024
     updates_per_episode: int = 20  # per level, ours; R18, R20 40
@@ -65,54 +107,44 @@ class Config:
     # slower: a curve then shows what was learnt and not the last few batches.
     tested_actor_rate: float = 0.0005
 
-    def __post_init__(self) -> None:
-        for name in _SHARES:
-            self._require(name, 0 <= getattr(self, name) <= 1, "between 0 and 1")
-        for name in ("action_noise", "subgoal_noise", "saturation_penalty"):
-            self._require(name, 0 <= getattr(self, name) < math.inf, "zero or more")
-        for name in _COUNTS:
-            self._require(name, getattr(self, name) >= 1, "at least 1")
-        self._require("hindsight_goals", self.hindsight_goals >= 0, "zero or more")
+    # ddpg (text), td3 (Fujimoto et al. 2018), or a class of one's own: my_learner.py:MyLearner
+    learner: str = "ddpg"
+    # -- td3 only
+    target_noise: float = 0.2  # on the target actor's output, in half-ranges; Fujimoto et al.
+    target_noise_clip: float = 0.5  # that noise is at most this; Fujimoto et al.
+    policy_delay: int = 2  # updates of the critics for one of the actor and targets; as well
+
+    def _check_learner(self) -> None:
+        self._require_shares("discount", "target_rate", "tested_actor_rate")
+        self._require_amounts("saturation_penalty", "target_noise", "target_noise_clip")
+        self._require_counts("batch_size", "updates_per_episode", "replay_capacity", "policy_delay")
         self._require("learning_rate", 0 < self.learning_rate < math.inf, "above zero")
         self._require("initial_q", -1 < self.initial_q < 0, "between -1 and 0")
-        self._require_one_of("test_draw", "top", "each_level")
-        self._require_one_of("hindsight_relabels", "preceding", "segment", "future", "pairs")
         self._require_one_of("critic_floor", "attempts", "returns")
         self._require(
             "hidden_sizes",
             len(self.hidden_sizes) > 0 and min(self.hidden_sizes) >= 2,
             "one or more sizes of at least 2",
         )
-        self._require(
-            "episodes_per_period",
-            self.episodes_per_period % self.episodes_per_round == 0,
-            f"a multiple of episodes_per_round ({self.episodes_per_round})",
-        )
-
-    def _require_one_of(self, name: str, *words: str) -> None:
-        self._require(name, getattr(self, name) in words, "one of " + ", ".join(words))
-
-    def _require(self, name: str, holds: bool, wanted: str) -> None:
-        if not holds:
-            raise ValueError(f"{name} is {getattr(self, name)!r}; it must be {wanted}.")
+        learners.check(self.learner)
+        if self.learner == "td3":
+            self._require("target_rate", self.target_rate > 0, "above 0: td3 has target networks")
 
 
-_SHARES = (
-    "subgoal_test_rate",
-    "random_action_rate",
-    "random_subgoal_rate",
-    "discount",
-    "target_rate",
-    "tested_actor_rate",
-)
-_COUNTS = (
-    "episodes_per_period",
-    "test_episodes",
-    "episodes_per_round",
-    "batch_size",
-    "updates_per_episode",
-    "replay_capacity",
-)
+# The fields come in the order of their parts from the last base to the first.
+@dataclasses.dataclass(frozen=True)
+class Config(LearnerConfig, ScheduleConfig, HierarchyConfig):
+    """Hyperparameters of one experiment. Rates are probabilities; noise is in half-ranges.
+
+    Raises:
+        ValueError: a value is outside what its comment allows; the message names it.
+    """
+
+    def __post_init__(self) -> None:
+        self._check_hierarchy()
+        self._check_schedule()
+        self._check_learner()
+
 
 PAPER = Config()
 
@@ -153,7 +185,14 @@ def completed(fields: Mapping[str, Any]) -> dict[str, Any]:
     return {**before, **fields}
 
 
-_BEFORE: dict[str, Any] = {"critic_floor": "attempts"}
+_BEFORE: dict[str, Any] = {
+    "critic_floor": "attempts",
+    "learner": "ddpg",
+    # What ddpg does not read.
+    "target_noise": 0.2,
+    "target_noise_clip": 0.5,
+    "policy_delay": 2,
+}
 
 
 def horizons(

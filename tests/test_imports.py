@@ -19,6 +19,9 @@ ROOMS = {
 EXCEPTIONS = {
     "tasks/to_gymnasium.py": {"gymnasium"},
     "launch/jobs/on_ray.py": {"ray"},
+    "launch/tuning/study.py": {"optuna"},
+    "launch/tuning/worker.py": {"optuna"},
+    "analysis/tuning.py": {"optuna"},
 }
 # What nothing but the standard library gives.
 STANDARD = __import__("sys").stdlib_module_names

@@ -8,7 +8,6 @@ import enum
 from typing import NamedTuple
 
 import numpy as np
-import torch
 
 from hac_suite.config import Config
 from hac_suite.types import LevelSpec
@@ -28,12 +27,6 @@ class Purpose(enum.IntEnum):
 def stream(seed: int, purpose: Purpose, level: int = 0) -> np.random.Generator:
     """The stream of one (seed, purpose, level)."""
     return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(purpose, level)))
-
-
-def torch_stream(seed: int, purpose: Purpose, level: int = 0) -> torch.Generator:
-    """As `stream`, for torch."""
-    state = np.random.SeedSequence(seed, spawn_key=(purpose, level)).generate_state(1)[0]
-    return torch.Generator().manual_seed(int(state))
 
 
 def episode_seeds(seed: int, purpose: Purpose, first: int, count: int) -> np.ndarray:

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from hac_suite.algorithm import exploration
-from hac_suite.algorithm.record import Round
+from hac_suite.algorithm.record import BY_EPISODE, Outcome, Round
 from hac_suite.config import Config
 from hac_suite.types import Actor, EnvStep, VectorEnv
 
@@ -22,6 +22,8 @@ class StepView(NamedTuple):
     active: np.ndarray  # bool [N]
     subgoals: list[np.ndarray]  # per level below the top [N, H]: what that level pursues
     attempts: list[np.ndarray]  # per level int [N]: attempts made at the current goal
+    outcomes: list[np.ndarray]  # per level below the top int [N]: the Outcome of what it pursues
+    cut_by: list[np.ndarray]  # likewise: the level whose goal cut it short, or BY_EPISODE
     env_step: EnvStep
 
 
@@ -54,6 +56,8 @@ class Hierarchy:
         self._output = [np.zeros((n, width)) for width in widths]
         self._start = [np.zeros(n, np.int64) for _ in levels]
         self._tested = [np.zeros(n, bool) for _ in levels]
+        self._outcome = [np.zeros(n, np.int8) for _ in levels]  # of what each level proposed
+        self._cut_by = [np.full(n, BY_EPISODE) for _ in levels]
         self._must_propose = [np.ones(n, bool) for _ in levels]
         self._active = np.ones(n, bool)
 
@@ -158,7 +162,8 @@ class Hierarchy:
             used_all = completed & (self.attempts[level] >= self._horizons[level])
             gives_up = used_all if self._held_to_attempts or level < self._top else last & used_all
             ends = completed & (reached_here_or_above[level] | gives_up | last)
-            hit = reached[level - 1] if level else np.zeros_like(ends)
+            if level:
+                self._judge(level, completed, exhausted, reached, state)
             if self._draws is not None:
                 self._round.levels[level].write(
                     time,
@@ -167,19 +172,39 @@ class Hierarchy:
                     output=self._output[level],
                     goal=self.goal[level],
                     reached=reached[level],
-                    hit=hit,
+                    outcome=self._outcome[level],
                     tested=self._tested[level],
-                    exhausted=exhausted,
                     segment_end=ends,
                 )
             # A last attempt that was cut short leaves open what it would have come to.
-            cut_short = ~(hit | exhausted) if level else np.zeros_like(ends)
-            exhausted = used_all & ~cut_short
+            exhausted = used_all & (self._outcome[level] != Outcome.CUT_SHORT)
             self._must_propose[level] = completed
             completed = ends
         self._end_episodes(state, reached[self._top], gives_up, last)
         if self._draws is not None:
             self._round.write_state(time + 1, state)
+
+    def _judge(
+        self,
+        level: int,
+        completed: np.ndarray,
+        exhausted: np.ndarray,
+        reached: list[np.ndarray],
+        state: EnvStep,
+    ) -> None:
+        """What became of the subgoals that `level` proposed, and who cut them short."""
+        outcome = np.where(exhausted, Outcome.MISSED, Outcome.CUT_SHORT)
+        outcome = np.where(reached[level - 1], Outcome.ACHIEVED, outcome)
+        lost = self._active & state.diverged
+        self._outcome[level][:] = np.where(
+            completed, outcome, np.where(lost, Outcome.CUT_SHORT, Outcome.OPEN)
+        )
+        if self._draws is None:
+            for each in (Outcome.ACHIEVED, Outcome.MISSED, Outcome.CUT_SHORT):
+                self._round.outcomes[level, :, each] += self._outcome[level] == each
+        self._cut_by[level][:] = BY_EPISODE
+        for above in range(self._top, level - 1, -1):  # the lowest of them decides
+            self._cut_by[level][reached[above]] = above
 
     def _end_episodes(
         self, state: EnvStep, succeeded: np.ndarray, gives_up: np.ndarray, last: bool
@@ -193,7 +218,15 @@ class Hierarchy:
         self._active = self._active & ~over
 
     def _view(self, step: int, state: EnvStep) -> StepView:
-        return StepView(step, self._active, self.goal[: self._top], self.attempts, state)
+        return StepView(
+            step=step,
+            active=self._active,
+            subgoals=self.goal[: self._top],
+            attempts=self.attempts,
+            outcomes=self._outcome[1:],
+            cut_by=self._cut_by[1:],
+            env_step=state,
+        )
 
 
 def collect(

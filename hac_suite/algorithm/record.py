@@ -1,11 +1,25 @@
 """What a round of episodes leaves behind, for `transitions` to turn into experience."""
 
+import enum
 from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from hac_suite.types import EnvStep
+
+
+class Outcome(enum.IntEnum):
+    """What became of the subgoal that a level proposed (Section 3.2)."""
+
+    OPEN = 0  # it is still pursued
+    ACHIEVED = 1
+    MISSED = 2  # the level below used all of its T_i attempts, none of them cut short
+    CUT_SHORT = 3  # a goal above was achieved, or the episode ended, while attempts were left
+
+
+BY_EPISODE = -1
+"""Who cut an attempt short, where it was no goal: the end of the episode."""
 
 
 class LevelRecord(NamedTuple):
@@ -19,9 +33,8 @@ class LevelRecord(NamedTuple):
     output: np.ndarray  # [H, N, A]: that output, in [-1, 1]
     goal: np.ndarray  # [H, N, G]: what the level pursued
     reached: np.ndarray  # bool: the level's own goal was achieved
-    hit: np.ndarray  # bool: the proposed subgoal was achieved (levels > 0)
+    outcome: np.ndarray  # int: an Outcome, of the proposed subgoal (levels > 0)
     tested: np.ndarray  # bool: it was a subgoal test, its own or a higher level's
-    exhausted: np.ndarray  # bool: the level below used all of its attempts, none cut short
     segment_end: np.ndarray  # bool: the level's goal was given up or achieved here
 
     @classmethod
@@ -37,9 +50,8 @@ class LevelRecord(NamedTuple):
             output=np.zeros((horizon, *output.shape)),
             goal=np.zeros((horizon, *goal.shape)),
             reached=flags(),
-            hit=flags(),
+            outcome=np.zeros((horizon, len(output)), np.int8),
             tested=flags(),
-            exhausted=flags(),
             segment_end=flags(),
         )
 
@@ -59,6 +71,9 @@ class Round(NamedTuple):
     success: np.ndarray  # bool [N]: the end goal was achieved
     steps: np.ndarray  # int [N]: primitive actions taken
     diverged: np.ndarray  # bool [N]
+    # int [levels, N, 4]: how many of each level's subgoals came to each Outcome; in tests only,
+    # where nothing else is recorded.
+    outcomes: np.ndarray
 
     @classmethod
     def empty(
@@ -79,6 +94,7 @@ class Round(NamedTuple):
             success=np.zeros(n, bool),
             steps=np.zeros(n, np.int64),
             diverged=np.zeros(n, bool),
+            outcomes=np.zeros((len(goals), n, len(Outcome)), np.int64),
         )
         made.write_state(0, state)
         return made

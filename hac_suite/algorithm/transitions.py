@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from hac_suite.algorithm.record import LevelRecord, Round
+from hac_suite.algorithm.record import LevelRecord, Outcome, Round
 from hac_suite.config import Config
 from hac_suite.types import GoalSpace
 
@@ -72,8 +72,10 @@ def penalised(record: LevelRecord, config: Config) -> np.ndarray:
     One cut short by a higher goal or by the horizon is no evidence that the subgoal was out of
     reach.
     """
-    failed = record.done & record.tested & ~record.hit
-    return failed if config.penalise_cut_short else failed & record.exhausted
+    failed = record.outcome == Outcome.MISSED
+    if config.penalise_cut_short:
+        failed = failed | (record.outcome == Outcome.CUT_SHORT)
+    return failed & record.tested
 
 
 def _attempts(
@@ -82,8 +84,9 @@ def _attempts(
     env, time = np.nonzero(record.done.T)
     action = record.output[time, env]
     if level and config.hindsight_actions:
+        hit = record.outcome[time, env] == Outcome.ACHIEVED
         achieved = space.normalise(recorded.achieved_subgoal[time + 1, env])
-        action = np.where(record.hit[time, env][:, None], action, achieved)
+        action = np.where(hit[:, None], action, achieved)
     return _Attempts(
         env=env,
         time=time,
@@ -144,7 +147,7 @@ def _hindsight(
     """Copies of each segment under goals that were achieved within it."""
     ends = np.flatnonzero(record.segment_end[attempts.time, attempts.env])
     first = _segment_starts(ends, attempts.env)
-    by_transition = config.hindsight_relabels in ("future", "pairs")
+    by_transition = config.hindsight_relabels == "future"
     find = _copies_of_each if by_transition else _copies_of_segments
     at, start, picked = find(attempts, first, ends, draws, config)
     goal = achieved[attempts.time[picked] + 1, attempts.env[picked]]
@@ -184,23 +187,13 @@ def _copies_of_each(
     """K picks for each transition, from what came at or after it in its segment (HER's `future`).
 
     Worked example: a segment at positions 0..4, the transition at 2, draws .1 and .7: 3 positions
-    are left, so the picks are 2 and 4. With `pairs` each draw names one of the 15 pairs of a
-    transition and a later one instead, all of them equally likely.
+    are left, so the picks are 2 and 4.
     """
     at, of = _ranges(first, ends + 1)
-    start, chance = first[of], draws[attempts.env[at], attempts.time[at]]
-    if config.hindsight_relabels == "future":
-        picked = at[:, None] + np.floor(chance * (ends[of] - at + 1)[:, None]).astype(np.int64)
-    else:
-        length = (ends[of] - start + 1)[:, None]
-        pair = np.floor(chance * (length * (length + 1) // 2)).astype(np.int64)
-        later = ((np.sqrt(8 * pair + 1) - 1) // 2).astype(np.int64)
-        picked = start[:, None] + later
-        at = start[:, None] + pair - later * (later + 1) // 2
-    at, start, picked = np.broadcast_arrays(
-        at if at.ndim == 2 else at[:, None], start[:, None], picked
-    )
-    return at.ravel(), start.ravel(), picked.ravel()
+    chance = draws[attempts.env[at], attempts.time[at]]  # [transitions, K]
+    ahead = np.floor(chance * (ends[of] - at + 1)[:, None]).astype(np.int64)
+    repeated = np.repeat(at, config.hindsight_goals)
+    return repeated, np.repeat(first[of], config.hindsight_goals), repeated + ahead.ravel()
 
 
 def _segment_starts(ends: np.ndarray, env: np.ndarray) -> np.ndarray:

@@ -7,11 +7,14 @@ add up.
 
 import copy
 import math
+from collections.abc import Sequence
+from typing import Self
 
 import torch
 
 from hac_suite.config import Config
 from hac_suite.learning.adam import Adam
+from hac_suite.learning.learner import Learner
 from hac_suite.learning.networks import StackedMLP, in_whole_registers
 from hac_suite.learning.replay import RowLayout
 from hac_suite.types import LevelSpec
@@ -71,8 +74,10 @@ class UnboundedCritic:
         return target
 
 
-class Learner:
+class DDPG(Learner):
     """Actor, critic, their targets, averages and optimisers of one level for S seeds."""
+
+    on_gpu = True
 
     def __init__(
         self,
@@ -104,7 +109,7 @@ class Learner:
         self.actor_optimiser = Adam(self.actor, config.learning_rate)
         self.critic_optimiser = Adam(self.critic, config.learning_rate)
 
-    def of_seeds(self, start: int, stop: int) -> "Learner":
+    def of_seeds(self, start: int, stop: int) -> Self:
         """The learner of some of the seeds: it updates their rows of the same memory."""
         part = copy.copy(self)
         part.actor, part.critic = (n.of_seeds(start, stop) for n in (self.actor, self.critic))
@@ -131,13 +136,28 @@ class Learner:
             found |= {f"{name}.{part}": of for part, of in optimiser.tensors(seed).items()}
         return found
 
+    def parameters(self) -> list[torch.Tensor]:
+        return [self.actor.parameters, self.critic.parameters]
+
+    def updates(self) -> torch.Tensor:
+        return self.critic_optimiser.steps
+
     def update(self, rows: torch.Tensor) -> None:
         """One step of critic, actor and targets on rows [S, B, width] (overwritten)."""
-        batch = rows.shape[1]
-        pieces = rows.split(_CACHED_ROWS if rows.device.type == "cpu" else batch, dim=1)
+        batch, pieces = rows.shape[1], self._pieces(rows)
+        self._critic_step(pieces, batch)
+        self._actor_step(pieces, batch)
+
+    def _pieces(self, rows: torch.Tensor) -> Sequence[torch.Tensor]:
+        return rows.split(_CACHED_ROWS if rows.device.type == "cpu" else rows.shape[1], dim=1)
+
+    def _critic_step(self, pieces: Sequence[torch.Tensor], batch: int) -> None:
         for first, piece in enumerate(pieces):
             self._critic_gradient(piece, batch, accumulate=first > 0)
         self.critic_optimiser.step()
+
+    def _actor_step(self, pieces: Sequence[torch.Tensor], batch: int) -> None:
+        """A step of the actor, and of all that follows it or the critic."""
         for first, piece in enumerate(pieces):
             self._actor_gradient(piece, batch, accumulate=first > 0)
         self.actor_optimiser.step()
@@ -172,17 +192,31 @@ class Learner:
     def _target(self, rows: torch.Tensor) -> torch.Tensor:
         """y = r + gamma_g Q(s', pi(s', g), g): [S, B]."""
         after = rows[..., self._layout.block : 2 * self._layout.block].transpose(1, 2)
-        self._act(self.target_actor, after)
-        value = self._value(self.target_critic, after)
+        value = self._next_value(after)
         return self.critic_kind.clip(value.mul_(rows[..., -1]).add_(rows[..., -2]))
+
+    def _next_value(self, after: torch.Tensor) -> torch.Tensor:
+        """Q of the target actor's action in every column of the block: [S, B]."""
+        self._act(self.target_actor, after)
+        return self._value(self.target_critic, after)
 
     def _critic_gradient(self, rows: torch.Tensor, batch: int, *, accumulate: bool) -> None:
         """Descends each seed's loss, the mean over its batch of (Q - y)^2."""
-        target = self._target(rows)
-        value = self._value(self.critic, self._now(rows))
+        self._descend(self.critic, self._target(rows), rows, batch, accumulate=accumulate)
+
+    def _descend(
+        self,
+        critic: StackedMLP,
+        target: torch.Tensor,
+        rows: torch.Tensor,
+        batch: int,
+        *,
+        accumulate: bool,
+    ) -> None:
+        value = self._value(critic, self._now(rows))
         of_value = (value - target).mul_(2 / batch)
         raw = self.critic_kind.raw_gradient(of_value, value)
-        self.critic.backward(raw.unsqueeze(1), accumulate=accumulate)
+        critic.backward(raw.unsqueeze(1), accumulate=accumulate)
 
     def _actor_gradient(self, rows: torch.Tensor, batch: int, *, accumulate: bool) -> None:
         """Ascends the mean over the batch of Q(s, pi(s, g), g), less the penalty on saturation.

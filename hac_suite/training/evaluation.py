@@ -18,10 +18,11 @@ class EpisodeStats(NamedTuple):
     success: np.ndarray  # bool [N]
     steps: np.ndarray  # int [N]: actions taken, to the goal where it was achieved
     diverged: np.ndarray  # bool [N]
+    outcomes: np.ndarray  # int [levels, N, 4]: how many subgoals of a level came to each Outcome
 
     @classmethod
     def of(cls, run: Round) -> "EpisodeStats":
-        return cls(run.success, run.steps, run.diverged)
+        return cls(run.success, run.steps, run.diverged, run.outcomes)
 
 
 def run_episodes(

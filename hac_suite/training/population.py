@@ -10,8 +10,9 @@ from hac_suite.algorithm import exploration, transitions
 from hac_suite.algorithm.exploration import Purpose
 from hac_suite.algorithm.record import Round
 from hac_suite.config import Config
+from hac_suite.learning import learners
 from hac_suite.learning.cuda_graph import CapturedRound
-from hac_suite.learning.ddpg import Learner
+from hac_suite.learning.learner import Learner
 from hac_suite.learning.networks import StackedMLP
 from hac_suite.learning.replay import Replay, RowLayout
 from hac_suite.policy import Policy, as_actor
@@ -32,12 +33,20 @@ class Population:
         seeds: Sequence[int],
         device: torch.device | str = "cpu",
     ):
-        """`device` is where networks and replay buffers are; environments and actors stay here."""
+        """`device` is where networks and replay buffers are; environments and actors stay here.
+
+        Raises:
+            ValueError: the config's learner is not there, or cannot learn on the device.
+        """
         self.seeds, self.config, self.horizons = tuple(seeds), config, horizons
         self.levels: tuple[LevelSpec, ...] = level_specs(env, horizons)
         self._spaces = (env.goal_space, env.subgoal_space)
-        self.learners = [
-            Learner(spec, config, self._torch_streams(level), device)
+        on_cpu = torch.device(device).type == "cpu"
+        make = learners.find(config.learner)
+        if not (on_cpu or make.on_gpu):
+            raise ValueError(f"the learner {config.learner} learns on CPUs only, not on {device}.")
+        self.learners: list[Learner] = [
+            make(spec, config, self._torch_streams(level), device)
             for level, spec in enumerate(self.levels)
         ]
         self.replays = [
@@ -45,7 +54,6 @@ class Population:
             for spec in self.levels
         ]
         # On a CPU a few seeds at a time do their whole round: what they need stays in the cache.
-        on_cpu = torch.device(device).type == "cpu"
         stride = _SEEDS_AT_A_TIME if on_cpu else len(self.seeds)
         self._round = self._update if on_cpu else CapturedRound(self._update)
         edges = [*range(0, len(self.seeds), stride), len(self.seeds)]
@@ -60,7 +68,7 @@ class Population:
         ]
 
     def _torch_streams(self, level: int) -> list[torch.Generator]:
-        return [exploration.torch_stream(seed, Purpose.INITIALISE, level) for seed in self.seeds]
+        return [_torch_stream(seed, Purpose.INITIALISE, level) for seed in self.seeds]
 
     def exploring_actors(self) -> list[Actor]:
         """The online actors, lowest level first."""
@@ -120,14 +128,14 @@ class Population:
         found: dict[int, int] = {}
         for level, learner in reversed(list(enumerate(self.learners))):
             # NaN and infinity survive being summed.
-            total = learner.actor.parameters.sum(1) + learner.critic.parameters.sum(1)
-            lost = ~torch.isfinite(total)
+            sums = torch.stack([table.sum(1) for table in learner.parameters()])
+            lost = ~torch.isfinite(sums).all(0)
             found.update(dict.fromkeys(lost.nonzero()[:, 0].tolist(), level))
         return found
 
     def updates(self, index: int, level: int) -> int:
         """How many updates a level of one seed has had."""
-        return int(self.learners[level].actor_optimiser.steps[index])
+        return int(self.learners[level].updates()[index])
 
     def diagnose(self, period: int) -> list[dict[str, list[float]]]:
         """Per level, per seed: what the critic and actor look like on replayed states."""
@@ -183,6 +191,12 @@ class Population:
         streams = state.numbers["replay_streams"]
         for own, saved in zip(self._replay_streams, streams, strict=True):
             own[index].bit_generator.state = saved
+
+
+def _torch_stream(seed: int, purpose: Purpose, level: int) -> torch.Generator:
+    """As `exploration.stream`, for torch."""
+    state = np.random.SeedSequence(seed, spawn_key=(purpose, level)).generate_state(1)[0]
+    return torch.Generator().manual_seed(int(state))
 
 
 def _rows_name(level: int) -> str:

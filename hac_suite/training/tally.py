@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from hac_suite.algorithm.record import Round
+from hac_suite.algorithm.record import Outcome, Round
 from hac_suite.algorithm.transitions import penalised
 from hac_suite.config import Config
 
@@ -25,7 +25,7 @@ class Tally:
         for level, record in enumerate(run.levels):
             flags = (
                 record.done,
-                record.done & record.hit,
+                record.outcome == Outcome.ACHIEVED,
                 record.done & record.tested,
                 penalised(record, config),
                 record.segment_end,

@@ -152,7 +152,7 @@ def _request(values: flags.FlagValues, settings_given: ConfigDict) -> Request:
         tasks=task_names(values.task),
         subgoal_layers=layers,
         attempts=_attempts(values.T, layers),
-        seeds=_seeds(values.seeds),
+        seeds=seed_list(values.seeds),
         periods=values.periods,
         out=_folder(values.out),
         workers=values.workers,
@@ -228,7 +228,7 @@ def _subgoal_layers(words: Sequence[str]) -> tuple[int, ...]:
     return tuple(sorted({int(word) for word in words}))
 
 
-def _seeds(word: str) -> tuple[int, ...]:
+def seed_list(word: str) -> tuple[int, ...]:
     """`10` is the seeds 0 to 9; with a comma or a dash it is a list of seeds and ranges.
 
     Raises:

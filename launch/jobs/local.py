@@ -45,8 +45,9 @@ class Lost(NamedTuple):
 class StopSignal:
     """Remembers Ctrl-C or SIGTERM, so that a loop can end in order; a second one ends at once."""
 
-    def __init__(self) -> None:
+    def __init__(self, text: bytes | None = None) -> None:
         self.number: int | None = None
+        self._text = text or _STOPPING_TEXT
 
     def __enter__(self) -> "StopSignal":
         self._before = {number: signal.getsignal(number) for number in _STOPPING}
@@ -61,7 +62,7 @@ class StopSignal:
     def _receive(self, number: int, _) -> None:
         self.number = number
         with contextlib.suppress(OSError):
-            os.write(2, _STOPPING_TEXT)  # safe in a handler, as print is not
+            os.write(2, self._text)  # safe in a handler, as print is not
         for stopping in _STOPPING:
             signal.signal(stopping, signal.SIG_DFL)
 

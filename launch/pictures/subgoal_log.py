@@ -9,8 +9,11 @@ import tasks
 from hac_suite.algorithm import exploration
 from launch.asking import settings
 
-ACHIEVED, MISSED, CUT_SHORT = "achieved", "missed", "cut short"
-"""Cut short: the episode ended, or a level above reached its goal, while attempts were left."""
+WORDS = {
+    hac_suite.Outcome.ACHIEVED: "achieved",
+    hac_suite.Outcome.MISSED: "missed",
+    hac_suite.Outcome.CUT_SHORT: "cut short",
+}
 
 
 class Subgoal(NamedTuple):
@@ -44,7 +47,6 @@ class SubgoalLog:
         self.subgoals: list[Subgoal] = []
         self.path: list[np.ndarray] = []
         self.goal = np.zeros((env.num_envs, env.goal_space.dim))
-        self._env, self._horizons = env, horizons
         levels = len(horizons) - 1
         self._step = np.zeros((levels, env.num_envs), np.int64)
         self._start = np.zeros((levels, env.num_envs, env.subgoal_space.dim))
@@ -65,20 +67,11 @@ class SubgoalLog:
 
     def _end(self, view: hac_suite.StepView) -> np.ndarray:
         """Keeps what ended; returns it as bool [levels, N]."""
-        state = view.env_step
-        valid = self._running & ~state.diverged
-        over = valid & self._env.goal_space.achieved(state.achieved_goal, state.desired_goal)
-        over = over | (self._running & ~view.active)
-        ended = np.zeros(self._step.shape, bool)
+        outcomes = np.reshape(view.outcomes, self._step.shape)
+        ended = (outcomes != hac_suite.Outcome.OPEN) & self._running
         for level in reversed(range(len(ended))):
-            hit = self._env.subgoal_space.achieved(state.achieved_subgoal, view.subgoals[level])
-            hit = hit & valid
-            used_all = valid & (view.attempts[level] >= self._horizons[level])
-            over = over | hit
-            ended[level] = over | used_all
             for i in np.flatnonzero(ended[level]).tolist():
-                outcome = ACHIEVED if hit[i] else MISSED if used_all[i] else CUT_SHORT
-                self._keep(level, i, outcome, view)
+                self._keep(level, i, WORDS[outcomes[level, i]], view)
         return ended
 
     def _keep(self, level: int, i: int, outcome: str, view: hac_suite.StepView) -> None:

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import torch
 
 import hac_suite
-from hac_suite.learning.ddpg import Learner
+from hac_suite.learning.ddpg import DDPG
 from tests.bench.population import TASK, Training
 from tests.bench.repeats import REPEATS, entry, rounded
 from tests.bench.team import Team
@@ -54,7 +54,7 @@ class Updates:
         return _PRODUCTS * 2 * _SIZE**3 / (time.perf_counter() - start)
 
 
-def update_flops(learner: Learner, batch: int) -> int:
+def update_flops(learner: DDPG, batch: int) -> int:
     """What the products of one seed's DDPG update need, 2mnk each; biases are not counted.
 
     Forward passes of the target actor, the target critic, the critic, the actor, and the critic

@@ -2,11 +2,11 @@
 
 import time
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, cast
 
 import hac_suite
 import tasks
-from hac_suite.learning.ddpg import Learner
+from hac_suite.learning.ddpg import DDPG
 from hac_suite.training.loop import PeriodResult, _Training
 from tests.bench.work import Meter, Work, whole_horizon
 
@@ -57,8 +57,8 @@ class Training:
         population.learn = meter.timed("updates", population.learn)  # type: ignore[method-assign]
 
     @property
-    def learners(self) -> list[Learner]:
-        return self._training._population.learners
+    def learners(self) -> list[DDPG]:
+        return cast(list[DDPG], self._training._population.learners)
 
     def round(self) -> Work:
         """A round of episodes and updates of every seed."""
@@ -74,7 +74,7 @@ class Training:
         return work._replace(updates=self._updates() - before)
 
     def _updates(self) -> int:
-        """Steps that the actors' optimisers have made, of all seeds and levels."""
+        """Updates of all seeds and levels."""
         return sum(updates_made(learner) for learner in self.learners)
 
     def test(self) -> tuple[float, PeriodResult]:
@@ -106,9 +106,9 @@ class Training:
                     raise RuntimeError("a seed stored nothing in a round")
 
 
-def updates_made(learner: Learner) -> int:
-    """Gradient steps of a level's actors, all seeds together."""
-    return int(learner.actor_optimiser.steps.sum())
+def updates_made(learner: DDPG) -> int:
+    """Updates of a level, all seeds together."""
+    return int(learner.updates().sum())
 
 
 def _recorded(add, calls: list[tuple]):

@@ -184,7 +184,7 @@ class RecursiveHac:
 
     def replay_in_hindsight(self, level: int, segment: list[Attempt]) -> None:
         """Perform HER: goals become what was reached at picked attempts (Section 3.3)."""
-        if self.config.hindsight_relabels in ("future", "pairs"):
+        if self.config.hindsight_relabels == "future":
             relabelled = self.picks_of_each(level, segment)
         else:
             relabelled = self.picks_of_segment(level, segment)
@@ -207,17 +207,12 @@ class RecursiveHac:
         ]
 
     def picks_of_each(self, level: int, segment: list[Attempt]) -> list[tuple[int, int]]:
-        """For each attempt a few at or after it; or, with `pairs`, as many of all such pairs."""
-        n = len(segment)
-        all_pairs = [(earlier, later) for later in range(n) for earlier in range(later + 1)]
-        picked = []
-        for position, attempt in enumerate(segment):
-            for u in self.chance(level, attempt):
-                if self.config.hindsight_relabels == "future":
-                    picked.append((position, position + int(u * (n - position))))
-                else:
-                    picked.append(all_pairs[int(u * len(all_pairs))])
-        return picked
+        """For each attempt a few at or after it: what the release of HER calls `future`."""
+        return [
+            (position, position + int(u * (len(segment) - position)))
+            for position, attempt in enumerate(segment)
+            for u in self.chance(level, attempt)
+        ]
 
     def chance(self, level: int, attempt: Attempt) -> np.ndarray:
         """The draws that belong to an attempt."""

@@ -4,7 +4,16 @@ import dataclasses
 
 import pytest
 
-from hac_suite.config import PAPER, PRESETS, completed, horizons
+from hac_suite.config import (
+    PAPER,
+    PRESETS,
+    Config,
+    HierarchyConfig,
+    LearnerConfig,
+    ScheduleConfig,
+    completed,
+    horizons,
+)
 
 
 def test_presets_differ_from_each_other():
@@ -25,11 +34,32 @@ def test_presets_differ_from_each_other():
         ("hindsight_relabels", "none"),
         ("hidden_sizes", ()),
         ("episodes_per_period", 301),
+        ("learner", "td4"),
+        ("target_noise", -0.1),
+        ("target_noise_clip", float("inf")),
+        ("policy_delay", 0),
     ],
 )
 def test_impossible_values_are_named(field, value):
     with pytest.raises(ValueError, match=field):
         dataclasses.replace(PAPER, **{field: value})
+
+
+def test_an_unknown_learner_is_answered_by_the_closest():
+    with pytest.raises(ValueError, match="did you mean 'td3'"):
+        dataclasses.replace(PAPER, learner="td4")
+
+
+def test_td3_needs_target_networks():
+    with pytest.raises(ValueError, match=r"target_rate is 0.0; .* td3 has target networks"):
+        dataclasses.replace(PAPER, learner="td3", target_rate=0.0)
+    assert dataclasses.replace(PAPER, target_rate=0.0).learner == "ddpg"
+
+
+def test_fields_come_part_by_part():
+    names = [field.name for field in dataclasses.fields(Config)]
+    parts = (HierarchyConfig, ScheduleConfig, LearnerConfig)
+    assert names == [field.name for part in parts for field in dataclasses.fields(part)]
 
 
 @pytest.mark.parametrize(
@@ -60,5 +90,12 @@ def test_negative_layers_are_refused():
 def test_a_field_that_was_not_there_yet_has_the_value_that_stood_for_it():
     old = {"random_action_rate": 0.7, "discount": 0.9}
     found = completed(old)
-    assert found == old | {"random_subgoal_rate": 0.7, "critic_floor": "attempts"}
+    assert found == old | {
+        "random_subgoal_rate": 0.7,
+        "critic_floor": "attempts",
+        "learner": "ddpg",
+        "target_noise": 0.2,
+        "target_noise_clip": 0.5,
+        "policy_delay": 2,
+    }
     assert completed(found) == found

@@ -7,7 +7,7 @@ import pytest
 import torch
 
 import hac_suite
-from hac_suite.config import PAPER, PRESETS, Config
+from hac_suite.config import PAPER, PRESETS, Config, LearnerConfig
 from tests.hac_suite.tiny_envs import PointEnv
 
 # A training of a second that exercises everything: subgoal tests, end goals achieved, attempts and
@@ -23,6 +23,7 @@ TINY = dataclasses.replace(
     replay_capacity=2_000,
     tested_actor_rate=0.05,
 )
+TINY_TD3 = dataclasses.replace(TINY, learner="td3")
 CHANGES = {
     "subgoal_test_rate": 0.6,
     "test_draw": "each_level",
@@ -54,7 +55,12 @@ CHANGES = {
     "initial_q": -0.5,
     "target_rate": 0.5,
     "tested_actor_rate": 0.0,
+    "learner": "td3",
+    "target_noise": 0.4,
+    "target_noise_clip": 0.1,
+    "policy_delay": 3,
 }
+TD3_ONLY = ("target_noise", "target_noise_clip", "policy_delay")
 FIELDS = [field.name for field in dataclasses.fields(Config)]
 
 
@@ -103,19 +109,39 @@ def unchanged():
     return outcome(TINY)
 
 
-def test_the_same_config_has_the_same_outcome(unchanged):
+@pytest.fixture(scope="module")
+def unchanged_td3():
+    return outcome(TINY_TD3)
+
+
+def test_the_same_config_has_the_same_outcome(unchanged, unchanged_td3):
     assert same_outcome(outcome(TINY), unchanged)
+    assert same_outcome(outcome(TINY_TD3), unchanged_td3)
 
 
-@pytest.mark.parametrize("field", FIELDS)
+@pytest.mark.parametrize("field", [field for field in FIELDS if field not in TD3_ONLY])
 def test_every_field_has_an_effect(field, unchanged):
     changed = dataclasses.replace(TINY, **{field: CHANGES[field]})
     assert not same_outcome(outcome(changed), unchanged)
 
 
-@pytest.mark.parametrize("relabels", ["future", "pairs"])
-def test_every_way_to_relabel_has_an_effect(relabels, unchanged):
-    changed = dataclasses.replace(TINY, hindsight_relabels=relabels)
+LEARNING = [field.name for field in dataclasses.fields(LearnerConfig)]
+
+
+@pytest.mark.parametrize("field", [field for field in LEARNING if field != "learner"])
+def test_every_field_of_learning_has_an_effect_on_td3(field, unchanged_td3):
+    changed = dataclasses.replace(TINY_TD3, **{field: CHANGES[field]})
+    assert not same_outcome(outcome(changed), unchanged_td3)
+
+
+@pytest.mark.parametrize("field", TD3_ONLY)
+def test_what_is_of_td3_leaves_ddpg_alone(field, unchanged):
+    changed = dataclasses.replace(TINY, **{field: CHANGES[field]})
+    assert same_outcome(outcome(changed), unchanged)
+
+
+def test_hindsight_goals_of_the_future_have_an_effect(unchanged):
+    changed = dataclasses.replace(TINY, hindsight_relabels="future")
     assert not same_outcome(outcome(changed), unchanged)
 
 

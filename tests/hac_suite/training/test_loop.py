@@ -7,6 +7,7 @@ import pytest
 import torch
 
 from hac_suite.config import PAPER, horizons
+from hac_suite.learning import learners
 from hac_suite.policy import Policy
 from hac_suite.training import loop
 from tests.hac_suite.tiny_envs import PointEnv
@@ -21,6 +22,7 @@ SMALL = dataclasses.replace(
     replay_capacity=20_000,
 )
 FAST = dataclasses.replace(SMALL, episodes_per_period=8, updates_per_episode=2, test_episodes=4)
+LEARNERS = tuple(learners.LEARNERS)
 
 
 def make_env(num_envs: int) -> PointEnv:
@@ -40,9 +42,14 @@ def run(config, seeds, layers, periods) -> list[loop.PeriodResult]:
     )
 
 
-@pytest.mark.parametrize("layers", [0, 1, 2])
-def test_agents_learn_the_tiny_task(layers):
-    results = run(SMALL, [0, 1, 2], layers, periods=5)
+# Learners and layers: all of ddpg, and td3 in the middle; the rest of td3 is slow by its number.
+BOTH = [("ddpg", 0), ("ddpg", 1), ("ddpg", 2), ("td3", 1)]
+BOTH += [pytest.param("td3", layers, marks=pytest.mark.slow) for layers in (0, 2)]
+
+
+@pytest.mark.parametrize(("learner", "layers"), BOTH)
+def test_agents_learn_the_tiny_task(learner, layers):
+    results = run(dataclasses.replace(SMALL, learner=learner), [0, 1, 2], layers, periods=5)
     success = [np.mean([row["success_rate"] for row in result.rows]) for result in results]
     assert success[0] < 0.5
     assert success[-1] > 0.9, success
@@ -58,10 +65,12 @@ def without_clock(row: dict) -> dict:
 
 
 @pytest.mark.parametrize("layers", [0, 1, 2])
-def test_a_seed_alone_equals_that_seed_in_a_population(layers):
-    together = run(FAST, [3, 1, 4, 15, 9], layers, periods=2)
-    for position, seed in [(1, 1), (4, 9)]:
-        alone = run(FAST, [seed], layers, periods=2)
+@pytest.mark.parametrize("learner", LEARNERS)
+def test_a_seed_alone_equals_that_seed_in_a_population(learner, layers):
+    config = dataclasses.replace(FAST, learner=learner)
+    together = run(config, [3, 1, 4, 15, 9, 2], layers, periods=2)
+    for position, seed in [(1, 1), (4, 9), (5, 2)]:  # the last one is in a part of its own
+        alone = run(config, [seed], layers, periods=2)
         for ours, theirs in zip(alone, together, strict=True):
             expected = without_clock(theirs.rows[position])
             np.testing.assert_equal(without_clock(ours.rows[0]), expected)
@@ -69,8 +78,9 @@ def test_a_seed_alone_equals_that_seed_in_a_population(layers):
 
 
 @pytest.mark.parametrize("batch_size", [37, 100])
-def test_batches_that_do_not_fill_registers_keep_seeds_independent(batch_size):
-    config = dataclasses.replace(FAST, batch_size=batch_size)
+@pytest.mark.parametrize("learner", LEARNERS)
+def test_batches_that_do_not_fill_registers_keep_seeds_independent(learner, batch_size):
+    config = dataclasses.replace(FAST, learner=learner, batch_size=batch_size)
     (*_, together), (*_, alone) = run(config, [3, 1, 4], 1, 2), run(config, [1], 1, 2)
     assert same(alone.policies[0], together.policies[1])
 
@@ -145,6 +155,13 @@ def test_progress_is_reported_each_round():
     list(loop.train(make_env, FAST, [0], on_progress=seen.append, **arguments))
     assert [p.train_episodes for p in seen] == [4, 8]
     assert {p.total_episodes for p in seen} == {8}
+
+
+def test_a_learner_that_no_gpu_can_take_is_refused_there():
+    config = dataclasses.replace(FAST, learner="td3")
+    arguments = dict(subgoal_layers=1, horizons=(5, 4), periods=1)
+    with pytest.raises(ValueError, match="learner td3 learns on CPUs only, not on cuda"):
+        loop.train(make_env, config, [0], device="cuda", **arguments)
 
 
 @pytest.mark.parametrize(

@@ -24,6 +24,8 @@ TINY = dataclasses.replace(
     test_episodes=3,
     replay_capacity=100,
 )
+TD3 = dataclasses.replace(TINY, learner="td3", policy_delay=3)  # rounds end in mid-delay
+BOTH = pytest.mark.parametrize("config", [TINY, TD3], ids=["ddpg", "td3"])
 SEEDS = (3, 1, 4)
 
 
@@ -89,16 +91,17 @@ def without_clock(numbers: dict) -> dict:
 
 
 @pytest.mark.parametrize("layers", [0, 1, 2])
-def test_resumed_at_any_boundary_equals_uninterrupted(layers, tmp_path):
+@BOTH
+def test_resumed_at_any_boundary_equals_uninterrupted(config, layers, tmp_path):
     """Networks, optimisers, replay, streams, counts and rows; the last policies with the rows."""
     boundaries: list[loop.Boundary] = []
-    whole, last = train(layers, on_boundary=boundaries.append)
+    whole, last = train(layers, config=config, on_boundary=boundaries.append)
     assert [(b.train_episodes, b.tested) for b in boundaries] == [
         (0, True), (4, False), (8, False), (12, True), (16, False), (20, False)
     ]  # fmt: skip
     for number in range(len(boundaries)):
-        start = stopped_at(number, tmp_path / str(number), layers)
-        results, states = train(layers, start=start)
+        start = stopped_at(number, tmp_path / str(number), layers, config=config)
+        results, states = train(layers, config=config, start=start)
         for ours, theirs in zip(states, last, strict=True):
             assert_same_states(ours, theirs)
         for ours, theirs in zip(results[-1].policies, whole[-1].policies, strict=True):
@@ -109,9 +112,10 @@ def test_resumed_at_any_boundary_equals_uninterrupted(layers, tmp_path):
     assert last[0].numbers["rows"][-1]["diverged_episodes"] > 0
 
 
-def test_seeds_go_on_in_any_grouping(tmp_path):
-    _, last = train(1)
-    start = stopped_at(4, tmp_path, 1)
+@BOTH
+def test_seeds_go_on_in_any_grouping(config, tmp_path):
+    _, last = train(1, config=config)
+    start = stopped_at(4, tmp_path, 1, config=config)
     for group in ([2], [1, 0]):
         seeds = [SEEDS[i] for i in group]
 
@@ -119,7 +123,8 @@ def test_seeds_go_on_in_any_grouping(tmp_path):
             diverging = {TINY.episodes_per_round * group.index(0): 3} if 0 in group else {}
             return PointEnv(num_envs, max_steps=20, diverge_at=diverging)
 
-        _, states = train(1, seeds=seeds, start=[start[i] for i in group], make_env=env_of)
+        going_on = [start[i] for i in group]
+        _, states = train(1, seeds=seeds, start=going_on, make_env=env_of, config=config)
         for index, ours in zip(group, states, strict=True):
             ours_rows = [row["train_steps"] for row in ours.numbers["rows"]]
             assert ours_rows == [row["train_steps"] for row in last[index].numbers["rows"]]
@@ -127,12 +132,13 @@ def test_seeds_go_on_in_any_grouping(tmp_path):
                 assert torch.equal(ours.tensors[name], tensor), (index, name)
 
 
-def test_interrupted_again_and_again(tmp_path):
-    _, (last,) = train(2, seeds=[5], periods=2)
+@BOTH
+def test_interrupted_again_and_again(config, tmp_path):
+    _, (last,) = train(2, seeds=[5], periods=2, config=config)
     states: list[SeedState] = []
     for life in range(6):  # a round each
-        states = stopped_at(0, tmp_path / str(life), 2, seeds=[5], start=states)
-    _, (ours,) = train(2, seeds=[5], start=states)
+        states = stopped_at(0, tmp_path / str(life), 2, seeds=[5], start=states, config=config)
+    _, (ours,) = train(2, seeds=[5], start=states, config=config)
     assert_same_states(ours, last)
 
 
@@ -150,10 +156,11 @@ def test_seeds_of_one_checkpoint_stand_at_one_time(tmp_path):
     assert len({state.numbers["seconds"] for state in states}) == 1 < len(states)
 
 
-def test_restoring_leaves_all_memory_in_place(tmp_path):
+@BOTH
+def test_restoring_leaves_all_memory_in_place(config, tmp_path):
     """Views of some of the seeds, and captured graphs, point at it."""
-    start = stopped_at(3, tmp_path, 1)
-    work = loop._Training(make_env, TINY, SEEDS, horizons(20, 1), "cpu")
+    start = stopped_at(3, tmp_path, 1, config=config)
+    work = loop._Training(make_env, config, SEEDS, horizons(20, 1), "cpu")
 
     def addresses():
         return [t.data_ptr() for i in range(3) for t in work._population._tensors(i).values()]
@@ -171,6 +178,7 @@ def test_restoring_leaves_all_memory_in_place(tmp_path):
         (dict(seeds=[1, 3, 4]), "state is of seed 3, not of seed 1"),
         (dict(config=dataclasses.replace(TINY, hidden_sizes=(8, 4))), "level0.actor is"),
         (dict(config=dataclasses.replace(TINY, replay_capacity=500)), "replay is"),
+        (dict(config=TD3), "not a state of this training"),
         (dict(layers=2), "not a state of this training"),
         (dict(layers=0), "is .* in the state"),
     ],
@@ -190,11 +198,11 @@ def test_seeds_that_stand_at_different_episodes_are_refused(tmp_path):
 SHORT = dataclasses.replace(TINY, episodes_per_period=8, test_episodes=2, batch_size=32)
 
 
-def _resumed_equals_uninterrupted(task, layers, folder, seeds):
+def _resumed_equals_uninterrupted(task, layers, folder, seeds, learner="ddpg"):
     arguments = dict(
         make_env=functools.partial(tasks.load_vector, task),
         max_steps=tasks.load_vector(task, 1).max_steps,
-        config=SHORT,
+        config=dataclasses.replace(SHORT, learner=learner),
         seeds=seeds,
     )
     _, last = train(layers, **arguments)
@@ -210,7 +218,8 @@ def test_a_real_task_resumed_equals_uninterrupted(tmp_path):
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("learner", ["ddpg", "td3"])
 @pytest.mark.parametrize("layers", [0, 1, 2])
 @pytest.mark.parametrize("task", tasks.ALL)
-def test_every_task_resumed_equals_uninterrupted(task, layers, tmp_path):
-    _resumed_equals_uninterrupted(task, layers, tmp_path, seeds=[2, 7])
+def test_every_task_resumed_equals_uninterrupted(task, layers, learner, tmp_path):
+    _resumed_equals_uninterrupted(task, layers, tmp_path, seeds=[2, 7], learner=learner)

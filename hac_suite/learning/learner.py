@@ -1,0 +1,90 @@
+"""What a level learns with, seen from outside: the interface that DDPG, TD3 and others have."""
+
+from abc import abstractmethod
+from typing import ClassVar, Protocol
+
+import torch
+
+from hac_suite.config import Config
+from hac_suite.learning.networks import StackedMLP
+from hac_suite.types import LevelSpec
+
+
+class Learner(Protocol):
+    """Learns one level of the hierarchy for a population of S seeds.
+
+    `hac_suite.training.population` has one learner a level, and uses it so:
+
+        learner = make(spec, config, generators, device)   # a generator for each seed
+        parts = [(a, b, learner.of_seeds(a, b)) for a, b in edges]
+        while training:
+            run episodes with learner.actor, and store their transitions as rows
+            for a, b, part in parts:
+                for rows in replay.batches(indices[:, a:b], a):   # [b - a, B, width]
+                    part.update(rows)
+            stop each seed whose learner.parameters() are no longer finite
+            at a test period:
+                run episodes with learner.tested_actor
+                results.csv gets learner.diagnose(rows)       # rows [S, B, width]
+            at a checkpoint, for each seed:
+                save learner.tensors(seed)    # to resume: what was saved is copied into them
+
+    What keeps seeds independent and resuming exact:
+
+    - No operation mixes seeds: each has its row in every tensor, and gets the same bits in any
+      population. `StackedMLP` and `Adam` are made for this.
+    - All that an update changes is in `tensors`. An update draws random numbers from nothing but
+      the seed's own generator at the start and its count of updates: see `td3.smoothing_noise`.
+    - Memory stays where it is: `of_seeds` and `tensors` give views of it.
+
+    Attributes:
+        actor: the networks that explore. As every actor's here, their output goes through a tanh.
+        tested_actor: the networks that test periods run and that policies are made of.
+        on_gpu: whether `update` can be captured as a CUDA graph: the same operations each time,
+            and none of them on the CPU. A learner that cannot is refused on a GPU.
+    """
+
+    actor: StackedMLP
+    tested_actor: StackedMLP
+    on_gpu: ClassVar[bool] = False
+
+    @abstractmethod
+    def __init__(
+        self,
+        spec: LevelSpec,
+        config: Config,
+        generators: list[torch.Generator],
+        device: torch.device | str = "cpu",
+    ):
+        """`generators`: one for each seed, on the CPU; all that is random comes from it."""
+
+    @abstractmethod
+    def of_seeds(self, start: int, stop: int) -> "Learner":
+        """The learner of seeds start, ..., stop - 1: it updates their rows of the same memory."""
+
+    @abstractmethod
+    def update(self, rows: torch.Tensor) -> None:
+        """Learns from rows [S, B, width], as `replay.RowLayout` lays them out (overwritten)."""
+
+    @abstractmethod
+    def tensors(self, seed: int) -> dict[str, torch.Tensor]:
+        """Views of all that one seed's updates have made, by name."""
+
+    @abstractmethod
+    def parameters(self) -> list[torch.Tensor]:
+        """Tables [S, P] of trained weights: a seed with one that is not finite is stopped."""
+
+    @abstractmethod
+    def updates(self) -> torch.Tensor:
+        """How many updates each seed has had: [S]."""
+
+    @abstractmethod
+    def diagnose(self, rows: torch.Tensor) -> dict[str, list[float]]:
+        """What results.csv says of each seed, from rows [S, B, width] (overwritten).
+
+        Returns:
+            q_mean, q_min: mean and least Q of what the policy would do.
+            q_at_bound: share of it at the least value that the critic can have.
+            saturation: share of the actor's outputs beyond 0.99.
+            A name that is left out is an empty column.
+        """

@@ -1,0 +1,60 @@
+"""The learners by name: what `Config.learner` may be, and the class that it stands for."""
+
+import difflib
+import importlib
+import importlib.util
+from pathlib import Path
+from types import ModuleType
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:  # the config asks for names, and learners ask for the config
+    from hac_suite.learning.learner import Learner
+
+# A name, and the module and class that are imported once it is asked for.
+LEARNERS = {
+    "ddpg": ("hac_suite.learning.ddpg", "DDPG"),
+    "td3": ("hac_suite.learning.td3", "TD3"),
+}
+
+
+def check(word: str) -> None:
+    """Answers a word that cannot be a learner.
+
+    Raises:
+        ValueError: it is neither one of the names nor of the form FILE.py:CLASS.
+    """
+    file, _, name = word.rpartition(":")
+    if word in LEARNERS or (file.endswith(".py") and name.isidentifier()):
+        return
+    near = difflib.get_close_matches(word, LEARNERS, n=1, cutoff=0.0)
+    raise ValueError(
+        f"learner is {word!r}; did you mean {near[0]!r}? It is one of {', '.join(LEARNERS)}, or "
+        "a class of your own, as in path/to/my_learner.py:MyLearner."
+    )
+
+
+def find(word: str) -> "type[Learner]":
+    """The learner of that name, or the class of one's own in FILE.py:CLASS.
+
+    Raises:
+        ValueError: there is none.
+    """
+    check(word)
+    if word in LEARNERS:
+        module, name = LEARNERS[word]
+        return getattr(importlib.import_module(module), name)
+    file, _, name = word.rpartition(":")
+    found = getattr(_loaded(Path(file)), name, None)
+    if not isinstance(found, type):
+        raise ValueError(f"learner is {word!r}, but {file} has no class {name!r}.")
+    return found
+
+
+def _loaded(file: Path) -> ModuleType:
+    if not file.is_file():
+        raise ValueError(f"learner is in {str(file)!r}, and there is no such file.")
+    spec = importlib.util.spec_from_file_location(file.stem, file)
+    assert spec and spec.loader
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
