@@ -3,6 +3,8 @@ PYTHON ?= python3
 TASK ?= pick_place
 SEEDS ?= 10
 ARGS ?=
+# Tests run on all cores; PARALLEL= runs one after another.
+PARALLEL ?= -n logical --maxprocesses 8 --dist worksteal
 
 BIN := .venv/bin
 STAMP := .venv/.stamp
@@ -39,11 +41,11 @@ demo: $(STAMP)
 
 test: $(STAMP)
 	@echo "==> test: the quick tests"
-	$(BIN)/python -m pytest -m "not slow" $(ARGS)
+	$(BIN)/python -m pytest -m "not slow" $(PARALLEL) $(ARGS)
 
 test-all: $(STAMP) $(DOCS_STAMP)
 	@echo "==> test-all: every test, the slow ones as well"
-	$(BIN)/python -m pytest $(ARGS)
+	$(BIN)/python -m pytest $(PARALLEL) $(ARGS)
 
 lint: $(STAMP)
 	@echo "==> lint: ruff check, ruff format, mypy"
