@@ -169,8 +169,8 @@ def _seeds(word: str) -> tuple[int, ...]:
     seeds = request.seed_list(word)
     if min(seeds) < _FIRST_SEED:
         raise CommandError(
-            f"flag --seeds={word}: seeds below {_FIRST_SEED} are for published results, which are "
-            f"not tuned on; it takes others, as in --seeds={_FIRST_SEED}-{_FIRST_SEED + 3}"
+            f"flag --seeds={word} names seed {min(seeds)}: those below {_FIRST_SEED} are for "
+            f"published results; tune on others, as in --seeds={_FIRST_SEED}-{_FIRST_SEED + 3}"
         )
     return seeds
 
