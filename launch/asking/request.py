@@ -14,6 +14,8 @@ from ml_collections import ConfigDict, config_flags
 import hac_suite
 import tasks
 from analysis.reading import schema
+from hac_suite.learning import learners
+from hac_suite.learning.learner import Learner
 from launch.asking import errors, program, settings
 
 CONFIGS = Path(__file__).parents[1] / "configs"
@@ -148,6 +150,8 @@ def _request(values: flags.FlagValues, settings_given: ConfigDict) -> Request:
         _require("tensorboard", flag="tensorboard", extra="tensorboard")
     _check_ray(values)
     layers = _subgoal_layers(values.subgoal_layers)
+    config = settings.to_config(settings_given)
+    on_gpu = _learner(config.learner).on_gpu
     return Request(
         tasks=task_names(values.task),
         subgoal_layers=layers,
@@ -161,8 +165,8 @@ def _request(values: flags.FlagValues, settings_given: ConfigDict) -> Request:
         other_versions=values.other_versions,
         executor=values.executor,
         ray_address=values.ray_address,
-        device="cpu" if values.executor == "ray" else _device(values.device),
-        config=settings.to_config(settings_given),
+        device="cpu" if values.executor == "ray" else _device(values.device, on_gpu),
+        config=config,
     )
 
 
@@ -198,12 +202,29 @@ def _require(package: str, *, flag: str, extra: str) -> None:
         )
 
 
-def _device(word: str) -> str:
+def _learner(word: str) -> type[Learner]:
+    """Raises CommandError where it is a class of one's own that cannot be loaded."""
+    try:
+        return learners.find(word)
+    except Exception as error:  # a file of one's own is code: it can raise anything
+        raise errors.CommandError(f"config: {error}".splitlines()[0]) from error
+
+
+def _device(word: str, on_gpu: bool) -> str:
     """cpu or cuda.
 
+    Args:
+      on_gpu: whether the learner can be there.
+
     Raises:
-      CommandError: a GPU is asked for where torch sees none.
+      CommandError: a GPU is asked for where torch sees none, or for a learner that cannot use it.
     """
+    if not on_gpu:
+        if word == "cuda":
+            raise errors.CommandError(
+                "flag --device=cuda: this --config.learner learns on CPUs only; leave --device out"
+            )
+        return "cpu"
     if torch.cuda.is_available():
         return "cuda" if word == "auto" else word
     if word == "cuda":
