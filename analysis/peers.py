@@ -225,7 +225,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     """Command line: draws the figure, prints the tables; exit status 2 when it cannot."""
     parser = argparse.ArgumentParser(prog="python -m analysis.peers", description=__doc__)
     parser.add_argument("--peers", type=Path, default=FOLDER, help="holds the strangers' curves")
-    parser.add_argument("--data", type=Path, default=grid.published(), help="our folder per task")
+    parser.add_argument("--data", type=Path, default=grid.FOLDER, help="our folder per task")
     parser.add_argument("--output", type=Path, help="for the figure; if not given, --peers")
     arguments = parser.parse_args(argv)
     output = arguments.output or arguments.peers

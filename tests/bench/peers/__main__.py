@@ -17,8 +17,8 @@ for library in ("OMP", "MKL", "OPENBLAS"):
 
 import tasks  # noqa: E402
 from analysis.peers import FOLDER  # noqa: E402
-from launch.asking.errors import CommandError  # noqa: E402
-from launch.asking.request import seed_list  # noqa: E402
+from analysis.program import CommandError  # noqa: E402
+from launch.asking import lists  # noqa: E402
 from tests.bench.peers.agents import AGENTS, SETTINGS  # noqa: E402
 from tests.bench.peers.curves import Run, train_all  # noqa: E402
 
@@ -28,7 +28,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     parser = _parser()
     asked = parser.parse_args(argv)
     try:
-        seeds = seed_list(asked.seeds)
+        seeds = lists.seeds(asked.seeds)
         words = (
             _some_of("task", asked.task, tasks.ALL),
             _some_of("agent", asked.agent, AGENTS),
