@@ -71,13 +71,22 @@ _SUBGOAL_SIZE = (0.04, 0.04, 0.04)
 class UR5Reacher(base.GoalTask):
     """Reach the goal with the effector, at any speed."""
 
-    def __init__(self, test: bool):
-        """Initialises the task; `test` says whether episodes begin from the test starts."""
+    def __init__(self, test: bool, spec: task_spec.TaskSpec = _SPEC):
+        """Initialises the task.
+
+        Args:
+          test: whether episodes begin from the test starts.
+          spec: another control step or number of them; everything else as in the suite's task. A
+            control step below the arm's physics step makes that as short.
+        """
         self._goal_marker = markers.Marker("goal", "cube", markers.GOAL_RGBA, _GOAL_SIZE)
         self._subgoal_markers = markers.subgoal_markers("cube", _SUBGOAL_SIZE)
+        arena = scenes.build(ur5.UR5(), cameras=_CAMERAS, solid_floor=True)
+        option = arena.mjcf_model.option
+        option.timestep = min(option.timestep, spec.control_timestep)
         super().__init__(
-            scenes.build(ur5.UR5(), cameras=_CAMERAS, solid_floor=True),
-            _SPEC,
+            arena,
+            spec,
             markers=[self._goal_marker, *self._subgoal_markers],
             test=test,
         )

@@ -21,8 +21,8 @@ from optuna.storages.journal import JournalFileBackend, JournalFileOpenLock, Jou
 from optuna.trial import FrozenTrial, Trial, TrialState
 
 import hac_suite
+from analysis.program import CommandError
 from launch.asking import settings
-from launch.asking.errors import CommandError
 from launch.tuning.space import Parameter, Space
 
 SUFFIX = ".journal"

@@ -7,8 +7,9 @@ import torch
 
 import hac_suite
 import tasks
-from launch.asking import program, request
-from launch.asking.errors import CommandError
+from analysis import program
+from analysis.program import CommandError
+from launch.asking import request
 
 
 def parse(*words: str) -> request.Request:
@@ -100,8 +101,8 @@ def test_a_learner_and_its_keys_are_flags():
         ("--executor=rai", "--executor=rai: value should be one of <local|ray>"),
         ("--device=gpu", "--device=gpu: value should be one of <cpu|cuda|auto>"),
         ("pick_place", "unexpected word 'pick_place'"),
-        ("--config=nope.py", "no config file 'nope.py'; there are launch/configs/paper.py"),
-        ("--config nope.py", "no config file 'nope.py'; there are launch/configs/paper.py"),
+        ("--config=nope.py", "no config file 'nope.py'; there are launch/configs/candidate.py"),
+        ("--config nope.py", "no config file 'nope.py'; there are launch/configs/candidate.py"),
         ("--config", "--config: it takes a file"),
         ("--config=", "no config file ''"),
         ("--config.batch_sze=3", "unknown config key 'batch_sze': did you mean 'batch_size'?"),

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 import hac_suite
+from analysis.program import CommandError
 from launch.asking import settings
-from launch.asking.errors import CommandError
 from launch.tuning import space
 from tests.hac_suite.tiny_envs import PointEnv
 
