@@ -1,9 +1,6 @@
-"""What each choice of HAC is worth: agents with one choice changed, beside those of the paper.
+"""What each choice of HAC is worth: agents with one choice changed, beside those of the paper."""
 
-Run as `python -m analysis.ablations`; `launch/ablate.py` trains what it compares.
-"""
-
-import argparse
+import sys
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -13,11 +10,24 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import PercentFormatter
 
+from analysis import program
 from analysis.figures.success import DOTS_PER_INCH
 from analysis.reading import paper
 from analysis.reading.files import write_atomically
 from analysis.reading.results import NoResults, load
 from analysis.statistics.seeds import bootstrap, episodes_to, mean_interval
+
+_HELP = """Compares agents with one choice changed with those of the paper's text.
+
+  python -m analysis.ablations --data=runs/ablations
+
+writes ablations.png and ablations.csv, and prints the table. `python launch/ablate.py` trains what
+is compared: --data holds VARIANT/TASK/results.csv.
+
+Flags:
+{flags}
+
+Exit status: 0; 2 what it is to read is not there or damaged, or the command was wrong."""
 
 FOLDER = Path(__file__).parent / "data" / "ablations"
 NAME = "ablations"
@@ -161,24 +171,21 @@ def _share(mean: float, low: float, high: float) -> str:
     return "-" if pd.isna(mean) else f"{mean:.0%}{interval}"
 
 
-def main(argv: Sequence[str] | None = None) -> None:
-    """Command line: writes figure and numbers, prints the table; exit status 2 when it cannot."""
-    parser = argparse.ArgumentParser(prog="python -m analysis.ablations", description=__doc__)
-    parser.add_argument("--data", type=Path, default=FOLDER, help="holds VARIANT/TASK/results.csv")
-    parser.add_argument("--output", type=Path, help="a folder for the files; if not given, --data")
-    arguments = parser.parse_args(argv)
-    try:
-        table = compare(load_variants(arguments.data))
-        output = arguments.output or arguments.data
-        output.mkdir(parents=True, exist_ok=True)
-        png, csv = output / f"{NAME}.png", output / f"{NAME}.csv"
-        figure = draw(table)
-        write_atomically(png, lambda path: figure.savefig(path, format="png", dpi=DOTS_PER_INCH))
-        write_atomically(csv, lambda path: table.to_csv(path, index=False))
-    except (OSError, ValueError) as error:
-        parser.error(str(error))
+def main(argv: Sequence[str]) -> int:
+    """Carries out a command; returns the exit status that --help states."""
+    return program.over_the_grid(_HELP, FOLDER, argv, _compare)
+
+
+def _compare(data: Path, output: Path) -> None:
+    """Writes figure and numbers, and prints the table."""
+    table = compare(load_variants(data))
+    output.mkdir(parents=True, exist_ok=True)
+    png, csv = output / f"{NAME}.png", output / f"{NAME}.csv"
+    figure = draw(table)
+    write_atomically(png, lambda path: figure.savefig(path, format="png", dpi=DOTS_PER_INCH))
+    write_atomically(csv, lambda path: table.to_csv(path, index=False))
     print(as_text(table), png, csv, sep="\n")
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main(sys.argv))

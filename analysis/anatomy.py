@@ -1,19 +1,26 @@
-"""Subgoal anatomy: an episode of each agent, its path and every level's subgoals, as figures.
-
-Run as `python -m analysis.anatomy`.
-"""
+"""Subgoal anatomy: an episode of each agent, its path and every level's subgoals, as figures."""
 
 import functools
+import sys
 from collections.abc import Sequence
 from pathlib import Path
 
 from analysis import program
 from analysis.figures.anatomy import draw_anatomy
 from analysis.figures.success import save_png
-from analysis.reading import paper
+from analysis.reading import grid, paper
 from analysis.reading.episodes import load_episodes
 from analysis.reading.files import write_atomically
 from analysis.reading.subgoals import recording_command
+
+_HELP = """Draws an episode of each published agent: its path and every level's subgoals.
+
+  python -m analysis.anatomy --output=figures
+
+Flags:
+{flags}
+
+Exit status: 0; 2 what it is to read is not there or damaged, or the command was wrong."""
 
 
 def write_anatomy(folder: Path, task: str, output: Path) -> list[Path]:
@@ -30,23 +37,22 @@ def write_anatomy(folder: Path, task: str, output: Path) -> list[Path]:
     return paths
 
 
-def main(argv: Sequence[str] | None = None) -> None:
-    """Command line: draws what was recorded, says what was not; exit status 2 when it cannot."""
-    parser = program.over_the_grid("analysis.anatomy", __doc__)
-    arguments = parser.parse_args(argv)
+def main(argv: Sequence[str]) -> int:
+    """Carries out a command; returns the exit status that --help states."""
+    return program.over_the_grid(_HELP, grid.FOLDER, argv, _draw)
+
+
+def _draw(data: Path, output: Path) -> None:
+    """Draws what was recorded, and says what was not."""
     for task in paper.TITLES:
-        folder = arguments.data / task
         try:
-            paths = write_anatomy(folder, task, (arguments.output or arguments.data) / task)
+            paths = write_anatomy(data / task, task, output / task)
         except FileNotFoundError:
-            print(
-                f"{task}: no episodes recorded; make them with `{recording_command(task, folder)}`"
-            )
-        except (OSError, ValueError) as error:
-            parser.error(str(error))
+            command = recording_command(task, data / task)
+            print(f"{task}: no episodes recorded; make them with `{command}`")
         else:
             print(*paths, sep="\n")
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main(sys.argv))

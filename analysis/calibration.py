@@ -1,15 +1,23 @@
-"""Are tasks as long as the paper's? Converged agents' steps to goal against its counts.
+"""Are tasks as long as the paper's? Converged agents' steps to goal against its counts."""
 
-Run as `python -m analysis.calibration analysis/data/grid/*/` (or with run folders).
-"""
-
+import sys
 from collections.abc import Sequence
 
 import pandas as pd
 
-from analysis.program import table_of
+from analysis import program
 from analysis.reading import paper
+from analysis.reading.results import load
 from analysis.statistics.seeds import SOLVED, last_rows
+
+_HELP = """Prints, per task, converged agents' steps to the goal beside the paper's.
+
+  python -m analysis.calibration analysis/data/grid/*/
+
+Flags:
+{flags}
+
+Exit status: 0; 2 what it is to read is not there or damaged, or the command was wrong."""
 
 COLUMNS = ("task", "converged", "seeds", "median_steps", "paper_steps", "ratio")
 
@@ -33,13 +41,16 @@ def calibrate(results: pd.DataFrame) -> pd.DataFrame:
     return paper.in_order(pd.DataFrame(rows, columns=list(COLUMNS)))
 
 
-def main(argv: Sequence[str] | None = None) -> None:
-    """Command line: prints the table; exit status 2 when it cannot."""
-    table = table_of("analysis.calibration", __doc__, argv, calibrate)
+def main(argv: Sequence[str]) -> int:
+    """Carries out a command; returns the exit status that --help states."""
+    return program.over_results(_HELP, argv, _show)
+
+
+def _show(paths: Sequence[str]) -> None:
     formats = {"median_steps": "{:.0f}", "paper_steps": "{:.0f}", "ratio": "{:.2f}"}
     shown = {column: form.format for column, form in formats.items()}
-    print(table.to_string(index=False, na_rep="-", formatters=shown))
+    print(calibrate(load(paths)).to_string(index=False, na_rep="-", formatters=shown))
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main(sys.argv))

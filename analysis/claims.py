@@ -1,11 +1,9 @@
-"""Every claim of the paper's section 4 against the published results: supported, or not.
-
-Run as `python -m analysis.claims`.
-"""
+"""Every claim of the paper's section 4 against the published results: supported, or not."""
 
 import dataclasses
 import json
 import math
+import sys
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -18,6 +16,17 @@ from analysis.reading.files import write_atomically
 from analysis.verdicts.evidence import ALPHA, LEAST_SEEDS, MARGIN, Claim, Evidence
 from analysis.verdicts.learning_claims import CONSISTENT, STEPS_BAND, judge_learning
 from analysis.verdicts.subgoal_claims import NEAR, judge_subgoals
+
+_HELP = """Judges every claim of the paper's section 4 by the published results.
+
+  python -m analysis.claims
+
+writes claims.csv, claims.json and claims.md, and prints the verdicts.
+
+Flags:
+{flags}
+
+Exit status: 0; 2 what it is to read is not there or damaged, or the command was wrong."""
 
 NAME = "claims"
 WHY_FILE = "claims_why.json"
@@ -162,15 +171,15 @@ def write_claims(claims: Sequence[Claim], why: Mapping[str, str], output: Path) 
     return [table, described, page]
 
 
-def main(argv: Sequence[str] | None = None) -> None:
-    """Command line: prints a row per claim and writes the files; exit status 2 when it cannot."""
-    parser = program.over_the_grid("analysis.claims", __doc__)
-    arguments = parser.parse_args(argv)
-    try:
-        claims, why = judge(arguments.data), read_why(arguments.data)
-        paths = write_claims(claims, why, arguments.output or arguments.data)
-    except (OSError, ValueError) as error:
-        parser.error(str(error))
+def main(argv: Sequence[str]) -> int:
+    """Carries out a command; returns the exit status that --help states."""
+    return program.over_the_grid(_HELP, grid.FOLDER, argv, _judge)
+
+
+def _judge(data: Path, output: Path) -> None:
+    """Writes the files, and prints a row for each claim."""
+    claims, why = judge(data), read_why(data)
+    paths = write_claims(claims, why, output)
     for claim in claims:
         print(f"({claim.letter}) {claim.statement}\n    {claim.verdict.upper()}: {claim.reason}")
         if claim.headline is not None:
@@ -180,4 +189,4 @@ def main(argv: Sequence[str] | None = None) -> None:
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main(sys.argv))

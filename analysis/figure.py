@@ -1,23 +1,31 @@
 """Draws a run folder's success figure again: `python -m analysis.figure RUN_FOLDER`."""
 
-import argparse
+import sys
 from collections.abc import Sequence
 from pathlib import Path
 
+from analysis import program
 from analysis.figures.success import write_figure
 
+_HELP = """Draws a run folder's success figure again: figure.png and figure.csv.
 
-def main(argv: Sequence[str] | None = None) -> None:
-    """Command line: redraws a run folder's figure; exit status 2 when it cannot."""
-    parser = argparse.ArgumentParser(prog="python -m analysis.figure", description=__doc__)
-    parser.add_argument("run_dir", type=Path, help="a run folder, e.g. runs/pick_place")
-    arguments = parser.parse_args(argv)
-    try:
-        write_figure(arguments.run_dir)
-    except (OSError, ValueError) as error:
-        parser.error(str(error))
-    print(arguments.run_dir / "figure.png")
+  python -m analysis.figure runs/pick_place
+
+Flags:
+{flags}
+
+Exit status: 0; 2 what it is to read is not there or damaged, or the command was wrong."""
+
+
+def main(argv: Sequence[str]) -> int:
+    """Carries out a command; returns the exit status that --help states."""
+    return program.over_a_folder(_HELP, argv, _draw)
+
+
+def _draw(folder: Path) -> None:
+    write_figure(folder)
+    print(folder / "figure.png")
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main(sys.argv))

@@ -1,8 +1,6 @@
-"""The paper's Figure 5: success per test period on its five tasks, from the published results.
+"""The paper's Figure 5: success per test period on its five tasks, from the published results."""
 
-Run as `python -m analysis.figure5`.
-"""
-
+import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
@@ -16,6 +14,17 @@ from analysis.figures.success import DOTS_PER_INCH, label_periods, look, plot_su
 from analysis.reading import grid, paper, schema
 from analysis.reading.files import write_atomically
 from analysis.statistics.seeds import n_label, success_per_period
+
+_HELP = """Draws the paper's Figure 5 from the published results.
+
+  python -m analysis.figure5
+
+writes figure5.png, figure5.pdf and figure5.csv, the numbers that are drawn.
+
+Flags:
+{flags}
+
+Exit status: 0; 2 what it is to read is not there or damaged, or the command was wrong."""
 
 NAME = "figure5"
 AGENTS = (0, 1, 2)  # subgoal layers of the paper's agents
@@ -117,20 +126,20 @@ def write_figure5(folder: Path, output: Path) -> list[Path]:
     return [png, pdf, csv]
 
 
-def main(argv: Sequence[str] | None = None) -> None:
-    """Command line: draws the figure, names panels without runs; exit status 2 when it cannot."""
-    parser = program.over_the_grid("analysis.figure5", __doc__)
-    arguments = parser.parse_args(argv)
-    try:
-        paths = write_figure5(arguments.data, arguments.output or arguments.data)
-    except (OSError, ValueError) as error:
-        parser.error(str(error))
+def main(argv: Sequence[str]) -> int:
+    """Carries out a command; returns the exit status that --help states."""
+    return program.over_the_grid(_HELP, grid.FOLDER, argv, _draw)
+
+
+def _draw(data: Path, output: Path) -> None:
+    """Writes the files, and names the panels without runs."""
+    paths = write_figure5(data, output)
     drawn = set(pd.read_csv(paths[-1])["task"])
     for task in paper.TITLES:
         if task not in drawn:
-            print(f"{task}: {NOTHING_YET} in {arguments.data}")
+            print(f"{task}: {NOTHING_YET} in {data}")
     print(*paths, sep="\n")
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main(sys.argv))

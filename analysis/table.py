@@ -1,15 +1,23 @@
-"""Where every agent stands at the end, as a table.
+"""Where every agent stands at the end, as a table: `python -m analysis.table RUN_FOLDER ...`."""
 
-Run as `python -m analysis.table analysis/data/grid/*/` (or with run folders).
-"""
-
+import sys
 from collections.abc import Sequence
 
 import pandas as pd
 
-from analysis.program import table_of
+from analysis import program
 from analysis.reading.paper import STEPS_TO_GOAL, in_order
+from analysis.reading.results import load
 from analysis.statistics.seeds import SOLVED, core_minutes, final_success
+
+_HELP = """Prints a table in Markdown of where every agent stands at the end.
+
+  python -m analysis.table analysis/data/grid/*/
+
+Flags:
+{flags}
+
+Exit status: 0; 2 what it is to read is not there or damaged, or the command was wrong."""
 
 HEADINGS = (
     "task",
@@ -55,12 +63,16 @@ def _whole(value: float | None) -> str:
     return "-" if value is None or pd.isna(value) else f"{value:.0f}"
 
 
-def main(argv: Sequence[str] | None = None) -> None:
-    """Command line: prints the table in Markdown; exit status 2 when it cannot."""
-    table = table_of("analysis.table", __doc__, argv, tabulate)
+def main(argv: Sequence[str]) -> int:
+    """Carries out a command; returns the exit status that --help states."""
+    return program.over_results(_HELP, argv, _show)
+
+
+def _show(paths: Sequence[str]) -> None:
+    table = tabulate(load(paths))
     for cells in (HEADINGS, ("---",) * len(HEADINGS), *table.itertuples(index=False)):
         print(f"| {' | '.join(cells)} |")
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main(sys.argv))

@@ -7,7 +7,7 @@ from hac_suite.policy import Policy
 from hac_suite.state import SeedState
 from hac_suite.training.evaluation import EpisodeStats, run_episodes
 from hac_suite.training.loop import DIAGNOSTICS, Boundary, Lost, PeriodResult, Progress, train
-from hac_suite.types import VectorEnv
+from hac_suite.types import Spaces, VectorEnv
 
 __all__ = [
     "DIAGNOSTICS",
@@ -21,6 +21,7 @@ __all__ = [
     "Policy",
     "Progress",
     "SeedState",
+    "Spaces",
     "StepView",
     "VectorEnv",
     "completed",

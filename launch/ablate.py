@@ -1,88 +1,120 @@
 """Trains agents with one choice changed at a time: `python launch/ablate.py --task=TASK`."""
 
-import os
+import dataclasses
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from typing import Any
+
+if __name__ == "__main__":
+    sys.path[0] = str(Path(__file__).resolve().parents[1])
+
+    from launch.asking import start
+
+    start.for_training()
 
 from absl import flags
 
-if __name__ == "__main__":
-    sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
-
-from launch import run
-from launch.asking import program
-from launch.asking.errors import CommandError, unknown
+import hac_suite
+from analysis import program
+from analysis.program import CommandError, unknown
+from launch import experiment
+from launch.asking import request
+from launch.asking.request import Request
 
 _OUT = "runs/ablations"
-# The releases differ from the text in a number of choices at once; batches and updates are not
-# among those compared, and are the same everywhere.
-_SAME_WORK = ("--config.batch_size=256", "--config.updates_per_episode=20")
-_CONFIGS = os.path.relpath(Path(__file__).parent / "configs")
-VARIANTS: Mapping[str, tuple[str, ...]] = {
-    "paper": (),
-    "release_2018": (f"--config={_CONFIGS}/release_2018.py", *_SAME_WORK),
-    "release_2020": (f"--config={_CONFIGS}/release_2020.py", *_SAME_WORK),
-    "no_subgoal_tests": ("--config.subgoal_test_rate=0",),
-    "no_hindsight_actions": ("--config.hindsight_actions=False",),
-    "no_hindsight_goals": ("--config.hindsight_goals=0",),
-    "penalise_cut_short": ("--config.penalise_cut_short=True",),
-}
+_SAME_WORK = ("batch_size", "updates_per_episode")  # not compared: the same in every variant
 
 _HELP = """Trains the same agents again and again, each time with one choice of HAC changed.
 
   python launch/ablate.py --task=pendulum_balance --subgoal_layers=1 --seeds=5 --periods=5
 
-leaves a run folder for each variant: {out}/VARIANT/TASK. Flags that are not named here are those of
-launch/run.py. `python -m analysis.ablations --data={out}` compares what there is.
+leaves a run folder for each variant: {out}/VARIANT/TASK.
+`python -m analysis.ablations --data={out}` compares what there is.
 
 Variants: {variants}
 
 Flags:
 {flags}
+  --config=launch/configs/paper.py    hyperparameters that the variants change
+
+Keys for --config.KEY=VALUE are those of launch/run.py.
 
 The same command again finishes what is missing. Exit status: as launch/run.py, the worst of all."""
 
 
-def main(argv: Sequence[str]) -> int:
-    """Carries out a command; returns the exit status that --help states."""
-    values = _flags()
-    own = [word for word in argv[1:] if _name(word) in values]
-    rest = [word for word in argv[1:] if word not in own]
-    try:
-        program.parse(values, [argv[0], *own, *(w for w in rest if w in ("--help", "-h"))])
-        for variant in values.variants:
-            if variant not in VARIANTS:
-                raise CommandError(unknown("variant", variant, VARIANTS))
-    except program.HelpRequested:
-        own_flags, names = program.describe(values), ", ".join(VARIANTS)
-        print(_HELP.format(flags=own_flags, out=_OUT, variants=names))
-        return 0
-    except CommandError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 2
+def _choices_of(preset: str) -> dict[str, Any]:
+    """Where a preset differs from the paper's, but for how much is learnt from an episode."""
+    paper = dataclasses.asdict(hac_suite.PRESETS["paper"])
+    own = dataclasses.asdict(hac_suite.PRESETS[preset])
+    differ = {name: value for name, value in own.items() if value != paper[name]}
+    return {name: value for name, value in differ.items() if name not in _SAME_WORK}
+
+
+VARIANTS: Mapping[str, Mapping[str, Any]] = {
+    "paper": {},
+    "release_2018": _choices_of("release_2018"),
+    "release_2020": _choices_of("release_2020"),
+    "no_subgoal_tests": {"subgoal_test_rate": 0.0},
+    "no_hindsight_actions": {"hindsight_actions": False},
+    "no_hindsight_goals": {"hindsight_goals": 0},
+    "penalise_cut_short": {"penalise_cut_short": True},
+}
+"""What each variant changes in the config."""
+
+Run = Callable[[Request, Sequence[str]], int]
+
+
+def main(argv: Sequence[str], *, run: Run = experiment.run) -> int:
+    """Carries out a command; returns the exit status that --help states.
+
+    Args:
+      run: carries out a request, as `experiment.run` does.
+    """
+
+    def train() -> int:
+        values = _flags()
+        asked = request.read(values, argv)
+        return _train(asked, _named(values.variants), argv, run)
+
+    return program.answer(train, _help_text)
+
+
+def _help_text() -> str:
+    own_flags, names = program.describe(_flags()), ", ".join(VARIANTS)
+    return _HELP.format(flags=own_flags, out=_OUT, variants=names)
+
+
+def _flags() -> flags.FlagValues:
+    """Those of launch/run.py, with other defaults, and --variants."""
+    values = request.define_flags()
+    values.set_default("out", _OUT)
+    values["out"].help = "holds a folder for each variant"
+    values.set_default("video", False)
+    flags.DEFINE_list("variants", list(VARIANTS), "which to train", flag_values=values)
+    return values
+
+
+def _named(words: Sequence[str]) -> Sequence[str]:
+    for word in words:
+        if word not in VARIANTS:
+            raise CommandError(unknown("variant", word, VARIANTS))
+    return words
+
+
+def _train(asked: Request, variants: Sequence[str], command: Sequence[str], run: Run) -> int:
+    """Carries out the request for each variant, in a folder of its own; the worst exit status."""
     worst = 0
-    for variant in values.variants:
+    for variant in variants:
         print(f"==> {variant}", flush=True)
-        words = [*rest, f"--out={values.out}/{variant}", "--video=false", *VARIANTS[variant]]
-        status = run.main(["launch/run.py", *words])
+        config = dataclasses.replace(asked.config, **VARIANTS[variant])
+        own = asked._replace(config=config, out=asked.out / variant)
+        status = run(own, [*command, f"--variants={variant}"])
         worst = max(worst, status)
-        if status not in (0, 1):  # a wrong command is wrong for all; a signal is for all
+        if status not in (0, 1):  # a signal is for all
             break
     return worst
 
 
-def _flags() -> flags.FlagValues:
-    values = flags.FlagValues()
-    flags.DEFINE_string("out", _OUT, "holds a folder for each variant", values)
-    flags.DEFINE_list("variants", list(VARIANTS), "which to train", values)
-    return values
-
-
-def _name(word: str) -> str:
-    return word.lstrip("-").partition("=")[0]
-
-
 if __name__ == "__main__":
-    run.set_environment()
     sys.exit(main(sys.argv))

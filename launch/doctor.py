@@ -1,19 +1,33 @@
 """Says what this machine can do, and how to mend what it cannot: `python launch/doctor.py`."""
 
-import os
 import shutil
 import sys
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
 if __name__ == "__main__":
-    sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
-    os.environ["MUJOCO_GL"] = "disabled"  # each backend is tried in a process of its own
+    sys.path[0] = str(Path(__file__).resolve().parents[1])
 
+    from launch.asking import start
+
+    start.without_display()
+
+from absl import flags
+
+from analysis import program
 from launch.folder import manifest
 from launch.pictures import video
+
+_HELP = """Tries what training and rendering need on this machine, and says how to mend what fails.
+
+  python launch/doctor.py
+
+Flags:
+{flags}
+
+Exit status: 0 all that is needed works; 1 something does not; 2 the command was wrong."""
 
 _GIGABYTE = 1e9
 _LEAST_FREE = 1.0  # gigabytes; a run of all tasks leaves about a tenth of that
@@ -93,7 +107,13 @@ def check_disk() -> Finding:
     return Finding(free >= _LEAST_FREE, f"disk: {free:.0f} GB free in {Path.cwd()}", remedy)
 
 
-def main() -> int:
+def main(argv: Sequence[str]) -> int:
+    """Carries out a command; returns the exit status that --help states."""
+    doctor = program.Program(_HELP, flags.FlagValues())
+    return program.carry_out(doctor, argv, lambda _: check_all())
+
+
+def check_all() -> int:
     """Prints every finding; returns 0 if all that is needed works, else 1."""
     checks: list[Callable[[], Finding | list[Finding]]] = [
         check_packages,
@@ -114,4 +134,4 @@ def main() -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(main(sys.argv))

@@ -1,6 +1,5 @@
 """Renders a trained policy: `python launch/play.py --task=pick_place --output=video.mp4`."""
 
-import os
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -8,12 +7,15 @@ from pathlib import Path
 from absl import flags
 
 if __name__ == "__main__":
-    sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
-    os.environ["MUJOCO_GL"] = "disabled"  # only the renderer's own process needs a backend
+    sys.path[0] = str(Path(__file__).resolve().parents[1])
 
-import tasks
-from launch.asking import program
-from launch.asking.errors import CommandError, unknown
+    from launch.asking import start
+
+    start.without_display()
+
+from analysis import program
+from analysis.program import CommandError
+from launch.asking import lists
 from launch.folder import policies
 from launch.pictures import video
 
@@ -32,17 +34,14 @@ Exit status: 0 the file is written; 1 rendering failed; 2 the command was wrong.
 def main(argv: Sequence[str]) -> int:
     """Carries out a command; returns the exit status that --help states."""
     values = _flags()
+    return program.carry_out(program.Program(_HELP, values), argv, lambda _: _play(values))
+
+
+def _play(values: flags.FlagValues) -> int:
+    shown, output = _choose(values)
     try:
-        program.parse(values, argv)
-        shown, output = _choose(values)
         for note in video.render(shown, output, episodes=values.episodes):
             print(note)
-    except program.HelpRequested:
-        print(_HELP.format(flags=program.describe(values)))
-        return 0
-    except CommandError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 2
     except video.RenderingError as error:
         print(f"error: {error}", file=sys.stderr)
         return 1
@@ -74,16 +73,15 @@ def _choose(values: flags.FlagValues) -> tuple[list[Path], Path]:
     output = Path(values.output)
     if output.suffix not in (".mp4", ".png"):
         raise CommandError(f"flag --output={output}: its name ends in .mp4 or .png")
-    if values.task not in tasks.ALL:
-        raise CommandError(unknown("task", values.task, tasks.ALL))
-    where = Path("runs", values.task) if values.run is None else Path(values.run)
+    task = lists.task(values.task)
+    where = Path("runs", task) if values.run is None else Path(values.run)
     found = policies.find(where / "policies")
-    if values.run is None and not found and (published := policies.published(values.task)):
+    if values.run is None and not found and (published := policies.published(task)):
         found, where = published, policies.PUBLISHED
         print(f"{Path('runs', values.task)} holds no policies: playing the published one")
     chosen = policies.choose(found, where, values.subgoal_layers, values.seed)
-    if (values.run is None or values["task"].present) and chosen[0].task != values.task:
-        raise CommandError(f"flag --task={values.task}: {where} holds policies of {chosen[0].task}")
+    if (values.run is None or values["task"].present) and chosen[0].task != task:
+        raise CommandError(f"flag --task={task}: {where} holds policies of {chosen[0].task}")
     return [policy.path for policy in chosen], output
 
 

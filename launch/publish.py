@@ -9,15 +9,18 @@ from pathlib import Path
 from absl import flags
 
 if __name__ == "__main__":
-    sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
-    os.environ["MUJOCO_GL"] = "disabled"
+    sys.path[0] = str(Path(__file__).resolve().parents[1])
 
-import tasks
+    from launch.asking import start
+
+    start.without_display()
+
+from analysis import program
 from analysis.figures.success import write_figure
+from analysis.program import CommandError
 from analysis.reading import grid
 from launch import record_subgoals
-from launch.asking import program
-from launch.asking.errors import CommandError, unknown
+from launch.asking import lists
 from launch.folder import policies, states
 from launch.folder.layout import POLICY_SUFFIXES, RunFolder
 
@@ -38,13 +41,11 @@ Exit status: 0 done; 2 the command was wrong, or the folder's runs are not finis
 def main(argv: Sequence[str]) -> int:
     """Carries out a command; returns the exit status that --help states."""
     values = _flags()
-    return program.carry_out(values, argv, _HELP, lambda: _publish(values))
+    return program.carry_out(program.Program(_HELP, values), argv, lambda _: _publish(values))
 
 
 def _publish(values: flags.FlagValues) -> None:
-    if values.task not in tasks.ALL:
-        raise CommandError(unknown("task", values.task, tasks.ALL))
-    folder = RunFolder(Path(values.runs).absolute(), values.task)
+    folder = RunFolder(Path(values.runs).absolute(), lists.task(values.task))
     for path in publish(folder, Path(values.data), Path(values.policies)):
         print(os.path.relpath(path))
 

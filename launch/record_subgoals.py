@@ -2,7 +2,6 @@
 
 import csv
 import json
-import os
 import sys
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -11,16 +10,20 @@ from typing import Any
 from absl import flags
 
 if __name__ == "__main__":
-    sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
-    os.environ["MUJOCO_GL"] = "disabled"
+    sys.path[0] = str(Path(__file__).resolve().parents[1])
+
+    from launch.asking import start
+
+    start.without_display()
 
 import numpy as np
 
 import hac_suite
 import tasks
+from analysis import program
+from analysis.program import CommandError
 from analysis.reading.files import write_atomically
-from launch.asking import program
-from launch.asking.errors import CommandError, unknown
+from launch.asking import lists
 from launch.folder import policies
 from launch.pictures.subgoal_log import Replay, replay
 
@@ -48,17 +51,16 @@ Exit status: 0 the files are written; 2 the command was wrong."""
 def main(argv: Sequence[str]) -> int:
     """Carries out a command; returns the exit status that --help states."""
     values = _flags()
-    return program.carry_out(values, argv, _HELP, lambda: _record(values))
+    return program.carry_out(program.Program(_HELP, values), argv, lambda _: _record(values))
 
 
 def _record(values: flags.FlagValues) -> None:
-    if values.task not in tasks.ALL:
-        raise CommandError(unknown("task", values.task, tasks.ALL))
-    run = Path("runs", values.task)
+    task = lists.task(values.task)
+    run = Path("runs", task)
     folder = run / "policies" if values.policies is None else Path(values.policies)
-    found = [policy for policy in policies.find(folder) if policy.task == values.task]
+    found = [policy for policy in policies.find(folder) if policy.task == task]
     if not found:
-        raise CommandError(f"{folder} holds no policies of {values.task}")
+        raise CommandError(f"{folder} holds no policies of {task}")
     output = run if values.output is None else Path(values.output)
     for path in record(found, output, values.episodes):
         print(path)

@@ -5,13 +5,14 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
+from absl import flags
 from rich.console import Console
 from rich.table import Table
 
 if __name__ == "__main__":
-    sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
+    sys.path[0] = str(Path(__file__).resolve().parents[1])
 
-from launch.asking.errors import CommandError
+from analysis import program
 from launch.folder import states
 from launch.folder.layout import RunFolder
 from launch.folder.states import FolderState, RunState
@@ -22,29 +23,31 @@ _HELP = """Says from a run folder's files how its experiment stands, whether it 
   python launch/status.py runs/pick_place
 
 Runs are done; running; waiting (not begun); stopped (begun, and no process is at work); or failed.
+
+Flags:
+{flags}
+
 Exit status: 0; 2 that is no run folder."""
 _WIDTH = 120  # where the output is no terminal
 
 
 def main(argv: Sequence[str]) -> int:
     """Carries out a command; returns the exit status that --help states."""
-    words = list(argv[1:])
-    if {"--help", "-help", "-h"} & set(words):
-        print(_HELP)
-        return 0
-    try:
-        if len(words) != 1 or words[0].startswith("-"):
-            raise CommandError("it takes one run folder, as in launch/status.py runs/pick_place")
-        path = Path(words[0])
-        state = states.read(path)
-    except (CommandError, OSError, ValueError) as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 2
+    status = program.Program(
+        _HELP,
+        flags.FlagValues(),
+        words="one run folder, as in launch/status.py runs/pick_place",
+        wrong=program.UNREADABLE,
+    )
+    return program.carry_out(status, argv, lambda words: _show(Path(words[0])))
+
+
+def _show(path: Path) -> None:
+    state = states.read(path)
     console = Console()
     if not console.is_terminal:
         console = Console(width=_WIDTH)
     show(path, state, console)
-    return 0
 
 
 def show(path: Path, state: FolderState, console: Console) -> None:

@@ -11,17 +11,17 @@ from typing import NamedTuple
 from absl import flags
 
 if __name__ == "__main__":
-    sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
+    sys.path[0] = str(Path(__file__).resolve().parents[1])
 
-from launch import run
+    from launch.asking import start
 
-if __name__ == "__main__":
-    run.set_environment()  # before what follows imports numpy, torch and mujoco
+    start.for_training()
 
 import hac_suite
+from analysis import program
+from analysis.program import CommandError
 from analysis.reading import schema
-from launch.asking import program, request, settings
-from launch.asking.errors import CommandError
+from launch.asking import lists, settings
 from launch.folder import manifest
 from launch.jobs.local import StopSignal
 from launch.tuning import space
@@ -70,18 +70,10 @@ def main(argv: Sequence[str], *, train: Train = hac_suite.train) -> int:
       train: trains an agent, as `hac_suite.train` does; importable, since workers are spawned.
     """
     values = _flags()
-    try:
-        program.parse(values, argv)
-        return tune(_request(values), train)
-    except program.HelpRequested:
-        print(_HELP.format(flags=program.describe(values), search=os.path.relpath(space.FILE)))
-        return 0
-    except CommandError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 2
-    except OSError as error:  # such as a full disk
-        print(f"error: {error}; what is finished is kept", file=sys.stderr)
-        return 1
+    text = _HELP.replace("{search}", os.path.relpath(space.FILE))
+    return program.carry_out(
+        program.Program(text, values), argv, lambda _: tune(_request(values), train)
+    )
 
 
 def tune(asked: Request, train: Train) -> int:
@@ -159,14 +151,14 @@ def _request(values: flags.FlagValues) -> Request:
 
 
 def _tasks(words: Sequence[str]) -> tuple[str, ...]:
-    names = tuple(name for word in words for name in request.task_names(word.strip()))
+    names = tuple(name for word in words for name in lists.tasks_named(word.strip()))
     if not names or len(set(names)) < len(names):
         raise CommandError(f"flag --task={','.join(words)}: it takes tasks, each of them once")
     return names
 
 
 def _seeds(word: str) -> tuple[int, ...]:
-    seeds = request.seed_list(word)
+    seeds = lists.seeds(word)
     if min(seeds) < _FIRST_SEED:
         raise CommandError(
             f"flag --seeds={word} names seed {min(seeds)}: those below {_FIRST_SEED} are for "

@@ -17,10 +17,11 @@ from rich.console import Console
 
 import hac_suite
 import tasks
+from analysis import program
 from analysis.reading.results import load
 from hac_suite.learning.networks import StackedMLP
 from launch import play, status
-from launch.asking import errors, program, request
+from launch.asking import request
 from launch.asking.settings import field_names
 from launch.folder import policies, results, states
 from launch.folder.layout import RunFolder
@@ -113,7 +114,7 @@ def misspelt(draw, names: tuple[str, ...]) -> str:
     return name[:place] + put + name[place + draw(st.integers(0, 1)) :]
 
 
-FLAGS = tuple(request._flags())
+FLAGS = tuple(request.define_flags())
 flag = st.one_of(st.sampled_from(FLAGS), misspelt(FLAGS), st.sampled_from(["config", "help", ""]))
 word = st.one_of(
     st.tuples(st.sampled_from(["--", "-", "--no"]), flag, st.just("="), values).map("".join),
@@ -127,7 +128,7 @@ def check_words(argv: list[str]) -> None:
         found = request.parse(["launch/run.py", *argv])
     except program.HelpRequested:
         return
-    except errors.CommandError as error:
+    except program.CommandError as error:
         return answered(error)
     assert set(found.tasks) <= set(tasks.ALL) and found.tasks
     assert found.seeds and found.periods > 0 and found.workers >= 0
@@ -149,7 +150,7 @@ def test_words_of_the_other_commands(try_all, tmp_path, monkeypatch):
             shown, _ = play._choose(flags)
         except program.HelpRequested:
             return
-        except errors.CommandError as error:
+        except program.CommandError as error:
             return answered(error)
         # There are no runs here; without --run it may play what is published.
         assert flags.run is None
@@ -180,7 +181,7 @@ def test_counts_are_understood_or_refused(try_all):
     def check(text: str) -> None:
         try:
             found = request.parse(["launch/run.py", f"--periods={text}"])
-        except errors.CommandError as error:
+        except program.CommandError as error:
             return answered(error)
         assert found.periods == int(text)
 
@@ -243,7 +244,7 @@ def test_results_that_somebody_edited(try_all, tmp_path):
         ):
             try:
                 read()
-            except errors.CommandError as error:
+            except program.CommandError as error:
                 answered(error)
         with warnings.catch_warnings(action="ignore"):
             try:
@@ -261,7 +262,7 @@ def test_names_of_run_folders_stay_below_the_output_folder(try_all, tmp_path):
             with folder.lock():
                 assert folder.path.resolve().parent == tmp_path.resolve()
                 shutil.rmtree(folder.path)
-        except errors.CommandError as error:
+        except program.CommandError as error:
             answered(error)
         assert list(tmp_path.iterdir()) == []
 
@@ -296,7 +297,7 @@ def test_manifests_that_somebody_edited(try_all, tmp_path):
         folder.manifest.write_bytes(data)
         try:
             state = states.read(folder.path)
-        except errors.CommandError as error:
+        except program.CommandError as error:
             return answered(error)
         show(state)
         assert {run.state for run in state.runs} <= set(states.STATES)
@@ -330,7 +331,7 @@ def check_policy(path: Path) -> None:
         assert all(torch.isfinite(network.parameters).all() for network in loaded.networks)
     try:
         found = policies.find(path.parent)
-    except errors.CommandError as error:
+    except program.CommandError as error:
         return answered(error)
     assert all(math.isfinite(policy.success_rate) for policy in found)
 

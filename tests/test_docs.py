@@ -19,8 +19,9 @@ import pytest
 import yaml
 
 import hac_suite
+from analysis import program
 from analysis.reading import schema
-from launch.asking import errors, request
+from launch.asking import request
 
 ROOT = Path(__file__).resolve().parent.parent
 PAGES = ["README.md", "WORKSPACE.md", *(f"docs/{p.name}" for p in sorted(ROOT.glob("docs/*.md")))]
@@ -206,7 +207,7 @@ def test_flags_of_the_launcher_are_understood(page, monkeypatch):
 )
 def test_a_wrong_command_is_seen(wrong, monkeypatch):
     monkeypatch.chdir(ROOT)
-    with pytest.raises((AssertionError, errors.CommandError)):
+    with pytest.raises((AssertionError, program.CommandError)):
         check(shlex.split(wrong))
 
 

@@ -10,7 +10,7 @@ ROOT = Path(__file__).resolve().parent.parent
 ROOMS = {
     "tasks": {"numpy", "dm_control", "dm_env", "mujoco"},
     "hac_suite": {"numpy", "torch", "safetensors"},
-    "analysis": {"numpy", "pandas", "scipy", "matplotlib"},
+    "analysis": {"numpy", "pandas", "scipy", "matplotlib", "absl"},
     "launch": {
         "tasks", "hac_suite", "analysis",
         "numpy", "torch", "absl", "ml_collections", "rich", "imageio", "PIL",

@@ -7,16 +7,10 @@ import pandas as pd
 from analysis.reading import paper
 from analysis.reading.results import NoResults, load
 
-_DATA = Path(__file__).parents[1] / "data"
-FOLDER = _DATA / "grid"
+FOLDER = Path(__file__).parents[1] / "data" / "grid"
 
 _NOTHING = "{folder}: holds results of none of the paper's tasks ({tasks})"
 _WRONG_TASK = "{folder}: holds results of {found}; a folder is named after its task"
-
-
-def published() -> Path:
-    """The folder of the published grid; until there is one, that of the results so far."""
-    return FOLDER if any(FOLDER.glob("*/results.csv")) else _DATA
 
 
 def load_grid(folder: Path) -> dict[str, pd.DataFrame]:

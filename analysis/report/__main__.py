@@ -1,23 +1,30 @@
 """Writes a run folder's report.html again: `python -m analysis.report RUN_FOLDER`."""
 
-import argparse
+import sys
 from collections.abc import Sequence
 from pathlib import Path
 
+from analysis import program
 from analysis.report.run_report import write_report
 
+_HELP = """Writes a run folder's report.html again.
 
-def main(argv: Sequence[str] | None = None) -> None:
-    """Command line: writes the report and prints its path; exit status 2 when it cannot."""
-    parser = argparse.ArgumentParser(prog="python -m analysis.report", description=__doc__)
-    parser.add_argument("run_dir", type=Path, help="a run folder, e.g. runs/pick_place")
-    arguments = parser.parse_args(argv)
-    try:
-        path = write_report(arguments.run_dir)
-    except (OSError, ValueError) as error:
-        parser.error(str(error))
-    print(path)
+  python -m analysis.report runs/pick_place
+
+Flags:
+{flags}
+
+Exit status: 0; 2 what it is to read is not there or damaged, or the command was wrong."""
+
+
+def main(argv: Sequence[str]) -> int:
+    """Carries out a command; returns the exit status that --help states."""
+    return program.over_a_folder(_HELP, argv, _write)
+
+
+def _write(folder: Path) -> None:
+    print(write_report(folder))
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main(sys.argv))

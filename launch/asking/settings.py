@@ -7,7 +7,7 @@ from typing import Any
 from ml_collections import ConfigDict
 
 import hac_suite
-from launch.asking import errors
+from analysis import program
 
 
 def from_preset(name: str) -> ConfigDict:
@@ -27,12 +27,12 @@ def to_config(settings: Mapping[str, Any]) -> hac_suite.Config:
     """
     for name in settings:
         if name not in field_names():
-            raise errors.CommandError(errors.unknown("config key", name, field_names()))
+            raise program.CommandError(program.unknown("config key", name, field_names()))
     values = {name: _value(name, value) for name, value in settings.items()}
     try:
         return hac_suite.Config(**values)
     except ValueError as error:
-        raise errors.CommandError(f"config: {error}") from error
+        raise program.CommandError(f"config: {error}") from error
 
 
 def _value(name: str, value: Any) -> Any:
@@ -43,11 +43,11 @@ def _value(name: str, value: Any) -> Any:
         element = type(default[0])
         if all(type(item) is element for item in value):
             return tuple(value)
-        raise errors.CommandError(f"config: {name} takes a tuple like {default}, not {value!r}")
+        raise program.CommandError(f"config: {name} takes a tuple like {default}, not {value!r}")
     if wanted is float and type(value) is int:
         return float(value)
     if type(value) is not wanted:
-        raise errors.CommandError(f"config: {name} takes a value like {default!r}, not {value!r}")
+        raise program.CommandError(f"config: {name} takes a value like {default!r}, not {value!r}")
     return value
 
 

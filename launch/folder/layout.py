@@ -11,7 +11,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from launch.asking.errors import CommandError
+from analysis.program import CommandError
 from launch.folder import results
 from launch.jobs.planning import Agent, Job
 

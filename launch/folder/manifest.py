@@ -10,9 +10,9 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from analysis.program import CommandError
 from analysis.reading.files import write_atomically
 from hac_suite.config import completed
-from launch.asking.errors import CommandError
 
 Manifest = dict[str, Any]
 

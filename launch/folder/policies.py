@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from launch.asking.errors import CommandError
+from analysis.program import CommandError
 
 PUBLISHED = Path(__file__).resolve().parents[2] / "assets" / "policies"
 """The best seed of each task and agent of the published grid."""

@@ -7,9 +7,9 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from analysis.program import CommandError
 from analysis.reading.files import write_atomically
 from analysis.reading.schema import CORE_COLUMNS, LEVEL_FIELDS, RESULTS_COLUMNS, level_column
-from launch.asking.errors import CommandError
 
 Row = dict[str, str]
 

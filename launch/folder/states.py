@@ -9,8 +9,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from analysis.program import CommandError
 from analysis.statistics.seeds import SAME_JOB_SECONDS
-from launch.asking.errors import CommandError
 from launch.folder import manifest, results
 from launch.folder.layout import RunFolder
 from launch.jobs.planning import Agent, Job

@@ -6,10 +6,10 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import hac_suite
+from analysis.program import CommandError
 from hac_suite import checkpoint
 from hac_suite.config import completed
 from launch.asking import settings
-from launch.asking.errors import CommandError
 from launch.folder import manifest, results
 from launch.folder.layout import RunFolder
 from launch.jobs.planning import Agent

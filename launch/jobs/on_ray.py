@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from launch.asking.errors import CommandError
+from analysis.program import CommandError
 from launch.folder import manifest
 from launch.jobs import local
 from launch.jobs.local import Failed, Finished, Lost, StopSignal, Work

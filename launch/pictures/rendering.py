@@ -16,8 +16,9 @@ from PIL import Image, ImageDraw, ImageFont
 
 import hac_suite
 import tasks
+from analysis import program
 from hac_suite.algorithm import exploration
-from launch.asking import errors, settings
+from launch.asking import settings
 from launch.pictures import video
 
 _MOST_FRAMES_PER_SECOND = 30
@@ -53,7 +54,7 @@ def main(argument: str) -> None:
     try:
         choice = choose(request["policies"], 1 if strip else request["episodes"])
     except (
-        errors.CommandError,
+        program.CommandError,
         KeyError,
         TypeError,
         ValueError,

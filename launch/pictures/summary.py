@@ -6,10 +6,10 @@ from pathlib import Path
 from rich.console import Console
 from rich.table import Table
 
+from analysis.program import CommandError
 from analysis.reading.results import load
 from analysis.report.run_report import write_report
 from analysis.statistics.seeds import final_success
-from launch.asking.errors import CommandError
 from launch.asking.request import Request
 from launch.folder import policies, results
 from launch.folder.layout import RunFolder

@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any, NamedTuple, TypeGuard
 
 import hac_suite
+from analysis.program import CommandError, unknown
 from launch.asking import settings
-from launch.asking.errors import CommandError, unknown
 
 FILE = Path(__file__).parent / "search.toml"
 OWN = "own"  # T_0 of a task's own T

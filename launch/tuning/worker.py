@@ -1,5 +1,6 @@
 """Workers: each carries out trials of the study, one after another, until the budget is used up."""
 
+import math
 import multiprocessing
 import signal
 import time
@@ -209,14 +210,13 @@ class _Trial:
             raise _OutOfBudget
 
     def _cpu_seconds(self) -> float:
-        """What it has cost; it has no processes of its own."""
-        return time.process_time() - self._began
+        """What it has cost, never nothing; it has no processes of its own."""
+        return math.ceil(1000 * (time.process_time() - self._began)) / 1000
 
     def _record(self) -> dict:
         """What stays in the journal of a trial, however it ended."""
-        cpu_seconds = round(self._cpu_seconds(), 2)
         own = {"commit": self._plan.commit, "versions": manifest.versions()}
-        return {"curves": trial.as_json(self._curves), **own, "cpu_seconds": cpu_seconds}
+        return {"curves": trial.as_json(self._curves), **own, "cpu_seconds": self._cpu_seconds()}
 
     def _line(self, success: float) -> str:
         each = ", ".join(f"{curve.agent.task} {curve.mean():.0%}" for curve in self._curves)

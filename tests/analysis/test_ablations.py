@@ -39,7 +39,7 @@ def test_variants_are_compared_with_the_paper_s(folder):
 
 
 def test_the_command_writes_figure_and_numbers_and_prints_the_table(folder, tmp_path, capsys):
-    ablations.main([f"--data={folder}", f"--output={tmp_path / 'out'}"])
+    assert ablations.main(["", f"--data={folder}", f"--output={tmp_path / 'out'}"]) == 0
     printed = capsys.readouterr().out
     assert "| pick_place | 1 | no hindsight goals | 3 | 3% [0, " in printed
     assert (tmp_path / "out" / "ablations.png").stat().st_size > 10_000
@@ -54,6 +54,5 @@ def test_a_variant_that_was_not_run_is_said_to_be_missing(folder):
 
 
 def test_an_empty_folder_is_refused(tmp_path, capsys):
-    with pytest.raises(SystemExit) as exit_:
-        ablations.main([f"--data={tmp_path}"])
-    assert exit_.value.code == 2 and "launch/ablate.py" in capsys.readouterr().err
+    assert ablations.main(["", f"--data={tmp_path}"]) == 2
+    assert "launch/ablate.py" in capsys.readouterr().err

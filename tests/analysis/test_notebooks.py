@@ -84,7 +84,7 @@ def test_figure5_stops_at_a_folder_without_results(execute, tmp_path):
 @pytest.mark.slow
 def test_figure5_of_the_published_results(execute):
     printed = _printed(execute("reproduce_figure5"))
-    for task, results in grid.load_grid(grid.published()).items():
+    for task, results in grid.load_grid(grid.FOLDER).items():
         assert f"{task}: {len(results)} test periods of " in printed
 
 
@@ -93,7 +93,7 @@ def test_the_claims_about_the_published_results(execute):
     notebook = execute("claims")
     assert _pictures(notebook) >= 2
     printed = _printed(notebook)
-    for claim in judge(grid.published()):
+    for claim in judge(grid.FOLDER):
         assert f"({claim.letter}) {claim.verdict}: {claim.reason}" in printed
 
 
@@ -107,7 +107,7 @@ def test_claims_without_records_of_subgoals(execute, make_run):
 @pytest.mark.slow
 def test_the_anatomy_of_the_recorded_episodes(execute):
     notebook = execute("subgoal_anatomy")
-    recorded = sorted(grid.published().glob(f"*/{ANATOMY_FILE}"))
+    recorded = sorted(grid.FOLDER.glob(f"*/{ANATOMY_FILE}"))
     episodes = [json.loads(path.read_text())["episodes"] for path in recorded]
     assert _pictures(notebook) == sum(map(len, episodes)) > 0
     missing = len(paper.TITLES) - len(recorded)

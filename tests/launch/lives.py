@@ -19,8 +19,9 @@ from pathlib import Path
 import pytest
 
 import tasks
+from analysis import program
 from launch import experiment
-from launch.asking import errors, request
+from launch.asking import request
 from launch.folder import manifest
 from launch.folder.layout import RunFolder
 from launch.jobs import checkpointing, recorder
@@ -108,9 +109,9 @@ def _launch_and_exit(output: int, argv: list[str], first: Callable[[], object]) 
             first()
             try:
                 status = experiment.run(request.parse(argv), argv)
-            except (errors.CommandError, OSError) as error:  # as launch/run.py answers them
+            except (program.CommandError, OSError) as error:  # as launch/run.py answers them
                 print(f"error: {error}")
-                status = 2 if isinstance(error, errors.CommandError) else 1
+                status = 2 if isinstance(error, program.CommandError) else 1
     finally:
         os._exit(status)
 

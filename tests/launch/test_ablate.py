@@ -5,30 +5,40 @@ import dataclasses
 import pytest
 
 import hac_suite
-from launch import ablate, run
-from launch.asking import request
+from launch import ablate
+from launch.asking.request import Request
+
+
+class Runs:
+    """Stands in for `experiment.run`: keeps what would have been trained."""
+
+    def __init__(self) -> None:
+        self.requests: list[Request] = []
+        self.commands: list[list[str]] = []
+        self.statuses = [0, 1]  # the second has failed runs
+
+    def __call__(self, request, command) -> int:
+        self.requests.append(request)
+        self.commands.append(list(command))
+        return self.statuses.pop(0) if self.statuses else 0
 
 
 @pytest.fixture
-def requests(monkeypatch) -> list[request.Request]:
-    """What would have been trained."""
-    found = []
-
-    def main(argv):
-        found.append(request.parse(argv))
-        return len(found) == 2  # the second has failed runs
-
-    monkeypatch.setattr(run, "main", main)
-    return found
+def runs() -> Runs:
+    return Runs()
 
 
-def test_every_variant_is_trained_in_a_folder_of_its_own_with_its_choice_alone(requests, tmp_path):
+def test_every_variant_is_trained_in_a_folder_of_its_own_with_its_choice_alone(runs, tmp_path):
     words = ["launch/ablate.py", "--task=pendulum_balance", "--seeds=5", f"--out={tmp_path}"]
-    assert ablate.main(words) == 1
-    assert [request.out for request in requests] == [tmp_path / name for name in ablate.VARIANTS]
-    assert {request.tasks for request in requests} == {("pendulum_balance",)}
-    assert {len(request.seeds) for request in requests} == {5}
-    configs = dict(zip(ablate.VARIANTS, (request.config for request in requests), strict=True))
+    assert ablate.main(words, run=runs) == 1
+    assert [request.out for request in runs.requests] == [
+        tmp_path / name for name in ablate.VARIANTS
+    ]
+    assert {request.tasks for request in runs.requests} == {("pendulum_balance",)}
+    assert {len(request.seeds) for request in runs.requests} == {5}
+    assert not any(request.video for request in runs.requests)
+    assert runs.commands[2] == [*words, "--variants=release_2020"]
+    configs = dict(zip(ablate.VARIANTS, (request.config for request in runs.requests), strict=True))
     paper = hac_suite.PRESETS["paper"]
     assert configs["paper"] == paper
     for year in ("release_2018", "release_2020"):
@@ -41,19 +51,35 @@ def test_every_variant_is_trained_in_a_folder_of_its_own_with_its_choice_alone(r
     assert configs["penalise_cut_short"] == dataclasses.replace(paper, penalise_cut_short=True)
 
 
-def test_some_variants_can_be_named(requests, capsys):
-    assert ablate.main(["", "--variants=paper,no_hindsight_goals"]) == 1
-    assert len(requests) == 2
-    assert ablate.main(["", "--variants=no_hindsight"]) == 2
+def test_a_variant_changes_the_config_that_was_typed(runs):
+    words = ["", "--variants=release_2018,no_hindsight_goals", "--config.batch_size=32"]
+    assert ablate.main(words, run=runs) == 1
+    assert [request.config.batch_size for request in runs.requests] == [32, 32]
+    assert [request.config.hindsight_goals for request in runs.requests] == [3, 0]
+
+
+def test_some_variants_can_be_named(runs, capsys):
+    assert ablate.main(["", "--variants=paper,no_hindsight_goals"], run=runs) == 1
+    assert len(runs.requests) == 2
+    assert ablate.main(["", "--variants=no_hindsight"], run=runs) == 2
     assert "did you mean 'no_hindsight_goals'?" in capsys.readouterr().err
-    assert len(requests) == 2
+    assert len(runs.requests) == 2
 
 
-def test_a_wrong_command_is_answered_once(monkeypatch, capsys):
-    assert ablate.main(["", "--task=pick_plce"]) == 2
+def test_a_signal_is_for_all(runs):
+    runs.statuses = [0, 130]
+    assert ablate.main([""], run=runs) == 130
+    assert len(runs.requests) == 2
+
+
+def test_a_wrong_command_is_answered_once_and_nothing_runs(runs, capsys):
+    assert ablate.main(["", "--task=pick_plce"], run=runs) == 2
     assert capsys.readouterr().err.count("did you mean 'pick_place'?") == 1
+    assert not runs.requests
 
 
-def test_help_names_the_variants(capsys):
+def test_help_names_the_variants_and_each_flag_of_training_once(capsys):
     assert ablate.main(["", "--help"]) == 0
-    assert all(name in capsys.readouterr().out for name in ["no_subgoal_tests"])
+    printed = capsys.readouterr().out
+    assert all(name in printed for name in ablate.VARIANTS)
+    assert printed.count("\n  --seeds=") == printed.count("\n  --out=") == 1

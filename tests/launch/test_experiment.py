@@ -11,10 +11,10 @@ import types
 import pytest
 from rich.console import Console
 
+from analysis.program import CommandError
 from analysis.reading.results import load
 from launch import experiment
 from launch.asking import request
-from launch.asking.errors import CommandError
 from launch.folder import manifest
 from launch.folder.layout import RunFolder
 from launch.jobs import worker

@@ -183,7 +183,7 @@ def test_what_is_no_run_folder_is_answered_in_one_line(tmp_path, capsys):
         assert status.main(["launch/status.py", str(tmp_path / word)]) == 2
         printed = capsys.readouterr()
         assert answer in printed.err and printed.err.count("\n") == 1 and not printed.out
-    for argv in ([], ["a", "b"], ["--watch"]):
+    for argv in ([], ["a", "b"]):
         assert status.main(["launch/status.py", *argv]) == 2
         assert "launch/status.py runs/pick_place" in capsys.readouterr().err
     assert status.main(["launch/status.py", "--help"]) == 0

@@ -7,8 +7,9 @@ import torch
 
 import hac_suite
 import tasks
-from launch.asking import program, request
-from launch.asking.errors import CommandError
+from analysis import program
+from analysis.program import CommandError
+from launch.asking import request
 
 
 def parse(*words: str) -> request.Request:

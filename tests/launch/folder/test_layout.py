@@ -10,10 +10,10 @@ import pytest
 
 import hac_suite
 from analysis.figures.success import write_figure
+from analysis.program import CommandError
 from analysis.reading import schema
 from analysis.reading.schema import RESULTS_COLUMNS
 from analysis.report.run_report import write_report
-from launch.asking.errors import CommandError
 from launch.folder import manifest, results
 from launch.folder.layout import RunFolder
 from launch.jobs import worker

@@ -14,7 +14,7 @@ os.environ["RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER"] = "0"
 import psutil
 import pytest
 
-from launch.asking.errors import CommandError
+from analysis.program import CommandError
 from launch.jobs import on_ray
 from launch.jobs.local import Failed, Finished, Lost, Started, StopSignal
 from launch.jobs.planning import Agent, Job

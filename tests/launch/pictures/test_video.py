@@ -284,7 +284,7 @@ def test_the_doctor_finds_what_rendering_needs():
 def test_the_doctor_names_remedies(monkeypatch, capsys):
     monkeypatch.setattr(doctor.video, "BACKENDS", ("nonsense",))
     monkeypatch.setattr(doctor, "_LEAST_FREE", 1e9)
-    assert doctor.main() == 1
+    assert doctor.main(["launch/doctor.py"]) == 1
     printed = capsys.readouterr().out
     assert "FAIL rendering with nonsense" in printed and "remedy: for rendering" in printed
     assert "FAIL disk" in printed and "remedy: free" in printed
