@@ -1,21 +1,20 @@
-"""Where a second subgoal layer starts to pay: the same motion, taken in more and more decisions.
+"""Where a second subgoal layer starts to pay: the same motion, taken in more and more decisions."""
 
-Run as `python -m analysis.depth`; `python -m analysis.depth --commands` prints what trains the runs
-that it reads. The tasks are those of tasks/depth.py.
-"""
-
-import argparse
 import json
+import os
 import re
+import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
+from absl import flags
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from analysis import program
 from analysis.figures.success import DOTS_PER_INCH, label_periods, look, plot_success
 from analysis.reading import paper, schema
 from analysis.reading.files import write_atomically
@@ -24,6 +23,18 @@ from analysis.statistics import comparison
 from analysis.statistics.seeds import success_per_period
 from analysis.verdicts import evidence
 from analysis.verdicts.evidence import NOT_SUPPORTED, SUPPORTED, Evidence
+
+_HELP = """Compares 0, 1 and 2 subgoal layers where the same motion takes more and more decisions.
+
+  python -m analysis.depth --data=runs/depth
+
+writes depth.png, the numbers it shows (depth.csv, depth_curves.csv) and the verdicts (depth.md).
+The tasks are those of tasks/depth.py. --data holds TASK/results.csv.
+
+Flags:
+{flags}
+
+Exit status: 0; 2 what it is to read is not there or damaged, or the command was wrong."""
 
 FOLDER = Path(__file__).parent / "data" / "depth"
 NAME = "depth"
@@ -112,7 +123,7 @@ def budgets(results: pd.DataFrame, episodes: int | None, folder: Path) -> dict[s
     if episodes is None:
         return {motion: int(own.max()) for motion, own in tested.items()}
     for motion, own in tested.items():
-        if episodes not in own or not episodes:
+        if episodes not in own:
             after = ", ".join(str(number) for number in sorted(own) if number)
             raise ValueError(
                 _NO_SUCH_TEST.format(folder=folder, motion=motion, episodes=episodes, all=after)
@@ -313,7 +324,7 @@ def commands() -> list[str]:
         for motion, steps in STUDY.items()
         for decisions in steps
     ]
-    return [*trainings, f"python -m analysis.depth --data={RUNS} --output={RUNS}"]
+    return [*trainings, f"python -m analysis.depth --data={RUNS}"]
 
 
 def write(folder: Path, output: Path, episodes: int | None = None) -> list[str]:
@@ -342,25 +353,26 @@ def write(folder: Path, output: Path, episodes: int | None = None) -> list[str]:
     return [*said, *map(str, (png, csv, of_curves, verdicts))]
 
 
-def main(argv: Sequence[str] | None = None) -> None:
-    """Command line: writes figure, numbers and verdicts; exit status 2 when it cannot."""
-    parser = argparse.ArgumentParser(prog="python -m analysis.depth", description=__doc__)
-    parser.add_argument("--data", type=Path, default=FOLDER, help="holds TASK/results.csv")
-    parser.add_argument("--output", type=Path, help="a folder for the files; if not given, --data")
-    parser.add_argument(
-        "--episodes", type=int, help="compare over the first N; if not given, over all", metavar="N"
+def main(argv: Sequence[str]) -> int:
+    """Carries out a command; returns the exit status that --help states."""
+    values = flags.FlagValues()
+    flags.DEFINE_string("data", os.path.relpath(FOLDER), "holds the results", values)
+    flags.DEFINE_string("output", None, "a folder for the files; if not given, --data", values)
+    program.define_count(
+        values, "episodes", None, "compare over the first so many; if not given, over all", least=1
     )
-    parser.add_argument("--commands", action="store_true", help="print what trains the runs; end")
-    arguments = parser.parse_args(argv)
-    if arguments.commands:
+    flags.DEFINE_boolean("commands", False, "only print what trains the runs", values)
+    this = program.Program(_HELP, values, wrong=program.UNREADABLE)
+    return program.carry_out(this, argv, lambda _: _answer_command(values))
+
+
+def _answer_command(values: flags.FlagValues) -> None:
+    if values.commands:
         print(*commands(), sep="\n")
         return
-    output = arguments.output or arguments.data
-    try:
-        print(*write(arguments.data, output, arguments.episodes), sep="\n")
-    except (OSError, ValueError, KeyError) as error:
-        parser.error(str(error))
+    output = values.data if values.output is None else values.output
+    print(*write(Path(values.data), Path(output), values.episodes), sep="\n")
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main(sys.argv))
