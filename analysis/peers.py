@@ -1,23 +1,35 @@
-"""Strangers on our tasks beside our agents, at equal environment steps and equal core-minutes.
+"""Strangers on our tasks beside our agents, at equal environment steps and core-minutes."""
 
-Run as `python -m analysis.peers`; `python -m tests.bench.peers` trains the strangers.
-"""
-
-import argparse
+import os
+import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
+from absl import flags
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import PercentFormatter
 
+from analysis import program
 from analysis.figures.success import DOTS_PER_INCH, Look, look
 from analysis.reading import grid, paper
 from analysis.reading.files import write_atomically
 from analysis.statistics.seeds import SAME_JOB_SECONDS, mean_interval, n_label
+
+_HELP = """Compares another library's agents with ours on the same tasks, and draws peers.png.
+
+  python -m analysis.peers
+
+Success is compared at equal environment steps and at equal core-minutes. The strangers' curves
+come from `python -m tests.bench.peers`.
+
+Flags:
+{flags}
+
+Exit status: 0; 2 what it is to read is not there or damaged, or the command was wrong."""
 
 FOLDER = Path(__file__).parent / "data" / "peers"
 FIGURE = "peers.png"
@@ -229,30 +241,31 @@ def gather(strangers: pd.DataFrame, ours: dict[str, pd.DataFrame]) -> pd.DataFra
     return paper.in_order(pd.concat([*own, strangers], ignore_index=True))
 
 
-def main(argv: Sequence[str] | None = None) -> None:
-    """Command line: draws the figure, prints the tables; exit status 2 when it cannot."""
-    parser = argparse.ArgumentParser(prog="python -m analysis.peers", description=__doc__)
-    parser.add_argument("--peers", type=Path, default=FOLDER, help="holds the strangers' curves")
-    parser.add_argument("--data", type=Path, default=grid.FOLDER, help="our folder per task")
-    parser.add_argument("--output", type=Path, help="for the figure; if not given, --peers")
-    arguments = parser.parse_args(argv)
-    output = arguments.output or arguments.peers
-    try:
-        strangers, ours = load_strangers(arguments.peers), grid.load_grid(arguments.data)
-        curves = gather(strangers, ours)
-        output.mkdir(parents=True, exist_ok=True)
-        figure, path = draw(curves), output / FIGURE
-        write_atomically(path, lambda png: figure.savefig(png, format="png", dpi=DOTS_PER_INCH))
-    except (OSError, ValueError) as error:
-        parser.error(str(error))
+def main(argv: Sequence[str]) -> int:
+    """Carries out a command; returns the exit status that --help states."""
+    values = flags.FlagValues()
+    flags.DEFINE_string("peers", os.path.relpath(FOLDER), "holds the strangers' curves", values)
+    flags.DEFINE_string("data", os.path.relpath(grid.FOLDER), "our folder per task", values)
+    flags.DEFINE_string("output", None, "for the figure; if not given, --peers", values)
+    this = program.Program(_HELP, values, wrong=program.UNREADABLE)
+    return program.carry_out(this, argv, lambda _: _compare_all(values))
+
+
+def _compare_all(values: flags.FlagValues) -> None:
+    strangers, ours = load_strangers(Path(values.peers)), grid.load_grid(Path(values.data))
+    curves = gather(strangers, ours)
+    output = Path(values.peers if values.output is None else values.output)
+    output.mkdir(parents=True, exist_ok=True)
+    figure, path = draw(curves), output / FIGURE
+    write_atomically(path, lambda png: figure.savefig(png, format="png", dpi=DOTS_PER_INCH))
     for budget in BUDGETS:
         print(f"Success at {budget.title}", "", as_text(compare(curves, budget), budget), sep="\n")
         print()
     for task in strangers["task"].unique():
         if task not in ours:
-            print(f"{arguments.data}: holds no results of ours on {task}")
+            print(f"{values.data}: holds no results of ours on {task}")
     print(path)
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main(sys.argv))
