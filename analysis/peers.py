@@ -117,7 +117,8 @@ def compare(curves: pd.DataFrame, budget: Budget) -> pd.DataFrame:
     Returns:
       `amount`, NaN for the end of each seed's training; `spent`, the mean over seeds of what was
       used by then; `n`, the seeds that were trained for so much; `mean` success of these with its
-      95% interval `low` to `high`, NaN where n is 0; `seeds`, all.
+      95% interval `low` to `high`, NaN where n is 0; `seeds`, all; `early`, whether some seed had
+      not been tested since its training began, so that its success is a guess.
     """
     rows = []
     for whose, own in curves.groupby(_WHOSE, sort=False):
@@ -130,9 +131,10 @@ def compare(curves: pd.DataFrame, budget: Budget) -> pd.DataFrame:
             values = [at(seed, budget.column, x) for seed, x in zip(seeds, spent, strict=True)]
             values = [value for value in values if not np.isnan(value)]
             interval = mean_interval(values) if values else (np.nan,) * 3
-            row = (*whose, amount, np.mean(spent), len(values), *interval, len(seeds))
+            early = any(_early(seed[budget.column], amount) for seed in seeds)
+            row = (*whose, amount, np.mean(spent), len(values), *interval, len(seeds), early)
             rows.append(row)
-    columns = [*_WHOSE, "amount", "spent", "n", "mean", "low", "high", "seeds"]
+    columns = [*_WHOSE, "amount", "spent", "n", "mean", "low", "high", "seeds", "early"]
     return pd.DataFrame(rows, columns=columns)
 
 
@@ -145,8 +147,14 @@ def at(curve: pd.DataFrame, column: str, amount: float) -> float:
     return float(np.interp(amount, curve[column], curve["success_rate"], right=np.nan))
 
 
+def _early(tests: pd.Series, amount: float) -> bool:
+    """Whether an amount lies before the first test of a trained agent."""
+    trained = tests[tests > 0]
+    return bool(len(trained)) and amount < trained.min()
+
+
 def as_text(table: pd.DataFrame, budget: Budget) -> str:
-    """The comparison as a table in Markdown."""
+    """The comparison as a table in Markdown; ~ before what no test of a trained agent precedes."""
     amounts = [f"{amount:,g}" if amount < 1 else f"{amount:,.0f}" for amount in budget.amounts]
     head = ["task", "agent", "settings", "n", *amounts, f"at its end, after so many {budget.unit}"]
     lines = [_line(head), _line(["---"] * len(head))]
@@ -166,7 +174,7 @@ def _cell(row) -> str:
         return "-"
     interval = "" if np.isnan(row.low) else f" [{100 * row.low:.0f}, {100 * row.high:.0f}]"
     fewer = f" (n={row.n})" if row.n < row.seeds else ""
-    return f"{row.mean:.0%}{interval}{fewer}"
+    return f"{'~' * row.early}{row.mean:.0%}{interval}{fewer}"
 
 
 def draw(curves: pd.DataFrame) -> Figure:

@@ -122,8 +122,8 @@ def check(words: list[str]) -> None:
     elif program == "python":
         check_file(rest[0], rest[1:])
     elif program in PROJECT.get("scripts", {}):
-        module = PROJECT["scripts"][program].partition(":")[0]
-        check_file(module.replace(".", "/") + ".py", rest)
+        function = PROJECT["scripts"][program].partition(":")[2]  # of launch/commands.py
+        check_file(f"launch/{function}.py", rest)
     else:
         assert program in _NOT_OURS, "nobody knows how to check this"
 

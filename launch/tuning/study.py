@@ -272,7 +272,15 @@ def _mend(path: Path) -> None:
 
 def _worker() -> dict[str, Any]:
     """Which process this is, on which machine; its start tells it from a later one of that id."""
-    return {"host": socket.gethostname(), "pid": os.getpid(), "started": _started(os.getpid())}
+    return {**_machine(), "pid": os.getpid(), "started": _started(os.getpid())}
+
+
+def _machine() -> dict[str, Any]:
+    """This machine since it was booted: two of them can have one name."""
+    boot = None
+    with contextlib.suppress(OSError):
+        boot = Path("/proc/sys/kernel/random/boot_id").read_text(encoding="utf-8").strip()
+    return {"host": socket.gethostname(), "boot": boot}
 
 
 def _started(pid: int) -> str | None:
@@ -286,7 +294,7 @@ def _started(pid: int) -> str | None:
 def _lives(trial: FrozenTrial) -> bool:
     """Whether a running trial's process is still at it."""
     worker = trial.user_attrs.get("worker")
-    if worker and worker["host"] == socket.gethostname():
+    if worker and _machine().items() <= worker.items():
         return _exists(worker["pid"]) and _started(worker["pid"]) == worker["started"]
     begun = trial.datetime_start.timestamp() if trial.datetime_start else 0.0
     return time.time() - trial.user_attrs.get("alive", begun) < _SILENT_SECONDS

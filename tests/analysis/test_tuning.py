@@ -56,10 +56,11 @@ def add_pruned(study, period, success, **params):
     )  # fmt: skip
 
 
-@pytest.fixture
-def folder(tmp_path):
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
     """A study of which nothing but the learning rate decides; and one that has just begun."""
-    study = journal(tmp_path)
+    made = tmp_path_factory.mktemp("studies")
+    study = journal(made)
     add(study, [0.4, 0.6], label="default", learning_rate=3e-4)
     add(study, [0.5, 0.7], label="candidate", draw="each_level")
     random = np.random.default_rng(1)
@@ -72,12 +73,17 @@ def folder(tmp_path):
         else:
             add_pruned(study, 2, quality, learning_rate=rate, noise=noise, draw=draw)
     study.enqueue_trial({"noise": 0.1})
-    journal(tmp_path, "pick_place_0layers", {**ASKED, "subgoal_layers": 0, "learner": "td3"})
-    return tmp_path
+    journal(made, "pick_place_0layers", {**ASKED, "subgoal_layers": 0, "learner": "td3"})
+    return made
 
 
-def test_a_study_is_what_its_journal_says(folder):
-    flat, two = tuning.read(folder)
+@pytest.fixture(scope="module")
+def studies(folder):
+    return tuning.read(folder)
+
+
+def test_a_study_is_what_its_journal_says(studies):
+    flat, two = studies
     assert flat.title == "1-Object Pick-and-Place, 0 subgoal layers, td3" and not flat.trials
     assert flat.best is None and flat.importance == {}
     assert [trial.label for trial in two.started_with()] == ["default", "candidate"]
@@ -88,8 +94,8 @@ def test_a_study_is_what_its_journal_says(folder):
     assert two.trials[-1].state == "waiting" and math.isnan(two.trials[-1].value)
 
 
-def test_importance_is_of_what_matters_and_is_set_beside_chance(folder):
-    importance = tuning.read(folder)[1].importance
+def test_importance_is_of_what_matters_and_is_set_beside_chance(studies):
+    importance = studies[1].importance
     assert next(iter(importance)) == "learning_rate"
     assert sum(one.share for one in importance.values()) == pytest.approx(1)
     decides, rest = importance["learning_rate"], [importance["noise"], importance["draw"]]
@@ -154,13 +160,13 @@ def test_the_command_writes_figure_and_numbers_and_prints_the_tables(folder, tmp
     assert before == {path: path.read_bytes() for path in folder.glob("*.journal")}
 
 
-def test_a_figure_has_the_trials_the_first_ones_and_what_chance_gives(folder):
-    figure = tuning.draw(tuning.read(folder))
+def test_a_figure_has_the_trials_the_first_ones_and_what_chance_gives(studies):
+    figure = tuning.draw(studies)
     empty, no_importance, trials, importance = figure.axes
     labels = trials.get_legend_handles_labels()[1]
     assert {"complete", "default", "candidate", "best so far"} <= set(labels)
     points = next(line for line in trials.lines if line.get_label() == "complete")
-    assert len(points.get_xdata()) == len(tuning.read(folder)[1].complete) - 2
+    assert len(points.get_xdata()) == len(studies[1].complete) - 2
     best = next(line for line in trials.lines if line.get_label() == "best so far")
     assert (np.diff(best.get_ydata()) >= 0).all()
     assert len(importance.patches) == 3 and not no_importance.patches

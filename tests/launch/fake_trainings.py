@@ -25,11 +25,11 @@ def burn(seconds: float) -> None:
 def quick(
     _make_env, config, seeds, *, subgoal_layers, horizons, periods, on_progress, on_lost
 ) -> Iterator[hac_suite.PeriodResult]:
-    """Success rises to the config's `quality` over the periods; a round takes 5 ms."""
+    """Success rises to the config's `quality` over the periods; a round takes 10 ms."""
     assert len(horizons) == subgoal_layers + 1
     for period in range(periods + 1):
         for number in range(ROUNDS if period else 0):
-            burn(0.005)
+            burn(0.01)
             on_progress(hac_suite.Progress(ROUNDS * (period - 1) + number, 0, 0.0))
         yield result(period, seeds, quality(config) * period / periods)
 

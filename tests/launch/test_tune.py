@@ -42,9 +42,9 @@ def of_state(trials, state):
 
 
 def test_the_budget_is_that_of_all_launches_together(tmp_path, capsys):
-    assert tune.main(words(tmp_path, seconds=0.2), train=fake_trainings.quick) == 0
+    assert tune.main(words(tmp_path, seconds=0.3), train=fake_trainings.quick) == 0
     first = study(tmp_path).trials
-    assert 0.2 <= seconds(first) < 1 and len(of_state(first, TrialState.COMPLETE)) >= 2
+    assert 0.3 <= seconds(first) < 1 and len(of_state(first, TrialState.COMPLETE)) >= 2
     assert tune.main(words(tmp_path, seconds=1.2), train=fake_trainings.quick) == 0
     both = study(tmp_path).trials
     assert 1.2 <= seconds(both) < 2 and len(both) > len(first)
@@ -67,7 +67,7 @@ def test_a_trial_that_the_budget_ends_waits_for_more(tmp_path):
 def finished(tmp_path_factory):
     """Trials of a study whose budget is used up."""
     out = tmp_path_factory.mktemp("finished")
-    assert tune.main(words(out, seconds=2.5), train=fake_trainings.quick) == 0
+    assert tune.main(words(out, seconds=2), train=fake_trainings.quick) == 0
     return study(out).trials
 
 
@@ -89,7 +89,7 @@ def test_a_trial_leaves_its_curves_cost_and_versions(finished):
     own = first.user_attrs["objectives"]
     assert set(own) == {"100", "101"}
     assert first.value == pytest.approx(sum(own.values()) / 2, abs=1e-4)
-    assert 9 * 0.004 < first.user_attrs["cpu_seconds"] < 2
+    assert 9 * 0.01 < first.user_attrs["cpu_seconds"] < 2
     assert first.user_attrs["versions"]["torch"]
 
 
@@ -120,9 +120,7 @@ def launch(out, training, *more):
     raise AssertionError(f"it ended with {process.wait()}")
 
 
-@pytest.mark.parametrize(
-    ("number", "status"), [(signal.SIGKILL, -9), (signal.SIGTERM, 143), (signal.SIGINT, 130)]
-)
+@pytest.mark.parametrize(("number", "status"), [(signal.SIGKILL, -9), (signal.SIGINT, 130)])
 def test_the_same_command_continues_what_a_signal_ended(tmp_path, capsys, number, status):
     process = launch(tmp_path, "endless")
     process.send_signal(number)
@@ -140,6 +138,7 @@ def test_the_same_command_continues_what_a_signal_ended(tmp_path, capsys, number
     assert said == (number == signal.SIGKILL)
 
 
+@pytest.mark.slow
 def test_a_trial_whose_process_is_killed_twice_is_not_tried_again(tmp_path):
     for _ in range(3):  # the defaults, the candidate, the defaults again
         process = launch(tmp_path, "endless")
