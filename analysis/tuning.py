@@ -1,10 +1,7 @@
-"""What tuning found: the best settings of each study beside those it began with, and what mattered.
+"""What tuning found: the best of each study beside what it began with, and what mattered."""
 
-Run as `python -m analysis.tuning`; `launch/tune.py` makes the journals that it reads.
-"""
-
-import argparse
 import importlib.util
+import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -15,9 +12,22 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from scipy import stats
 
+from analysis import program
 from analysis.figures.success import DOTS_PER_INCH
 from analysis.reading import paper
 from analysis.reading.files import write_atomically
+
+_HELP = """Sets the best trial of each tuning study beside its first ones, and says what mattered.
+
+  python -m analysis.tuning --data=analysis/data/tuning
+
+writes tuning.png, and tuning.csv with a row for each trial, and prints a table for each study.
+`python launch/tune.py` makes the journals that --data holds.
+
+Flags:
+{flags}
+
+Exit status: 0; 2 what it is to read is not there or damaged, or the command was wrong."""
 
 FOLDER = Path(__file__).parent / "data" / "tuning"
 NAME = "tuning"
@@ -358,24 +368,21 @@ def _draw_importance(ax: Axes, study: Study) -> None:
     ax.legend(loc="lower right", fontsize="x-small", framealpha=0.85)
 
 
-def main(argv: Sequence[str] | None = None) -> None:
-    """Command line: writes figure and numbers, prints the tables; exit status 2 when it cannot."""
-    parser = argparse.ArgumentParser(prog="python -m analysis.tuning", description=__doc__)
-    parser.add_argument("--data", type=Path, default=FOLDER, help="holds STUDY.journal files")
-    parser.add_argument("--output", type=Path, help="a folder for the files; if not given, --data")
-    arguments = parser.parse_args(argv)
-    try:
-        studies = read(arguments.data)
-        output = arguments.output or arguments.data
-        output.mkdir(parents=True, exist_ok=True)
-        png, csv = output / f"{NAME}.png", output / f"{NAME}.csv"
-        figure = draw(studies)
-        write_atomically(png, lambda path: figure.savefig(path, format="png", dpi=DOTS_PER_INCH))
-        write_atomically(csv, lambda path: table(studies).to_csv(path, index=False))
-    except (OSError, ValueError) as error:
-        parser.error(str(error))
+def main(argv: Sequence[str]) -> int:
+    """Carries out a command; returns the exit status that --help states."""
+    return program.over_the_grid(_HELP, FOLDER, argv, _report)
+
+
+def _report(data: Path, output: Path) -> None:
+    """Writes figure and numbers, and prints the tables."""
+    studies = read(data)
+    output.mkdir(parents=True, exist_ok=True)
+    png, csv = output / f"{NAME}.png", output / f"{NAME}.csv"
+    figure = draw(studies)
+    write_atomically(png, lambda path: figure.savefig(path, format="png", dpi=DOTS_PER_INCH))
+    write_atomically(csv, lambda path: table(studies).to_csv(path, index=False))
     print(*map(as_text, studies), f"{png}\n{csv}", sep="\n\n")
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main(sys.argv))

@@ -5,17 +5,19 @@ from hac_suite.algorithm.record import Outcome
 from hac_suite.config import PRESETS, Config, completed, horizons
 from hac_suite.policy import Policy
 from hac_suite.state import SeedState
+from hac_suite.training.callback import Boundary, Callback, LostSeed, Progress
 from hac_suite.training.evaluation import EpisodeStats, run_episodes
-from hac_suite.training.loop import DIAGNOSTICS, Boundary, Lost, PeriodResult, Progress, train
+from hac_suite.training.loop import DIAGNOSTICS, PeriodResult, train
 from hac_suite.types import Spaces, VectorEnv
 
 __all__ = [
     "DIAGNOSTICS",
     "PRESETS",
     "Boundary",
+    "Callback",
     "Config",
     "EpisodeStats",
-    "Lost",
+    "LostSeed",
     "Outcome",
     "PeriodResult",
     "Policy",

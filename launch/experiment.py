@@ -3,7 +3,8 @@
 import contextlib
 import functools
 from collections import defaultdict
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from typing import NamedTuple
 
 from rich.console import Console
 
@@ -12,15 +13,47 @@ import tasks
 from launch.asking import settings
 from launch.asking.request import Request
 from launch.folder import manifest
+from launch.folder.agents import Agent, Job
 from launch.folder.layout import RunFolder
 from launch.jobs import checkpointing, lost_jobs, on_ray, planning, worker
+from launch.jobs.checkpointing import Standing
 from launch.jobs.local import StopSignal, execute
-from launch.jobs.planning import Agent
+from launch.jobs.messages import Hooks
 from launch.jobs.progress import Board
 from launch.jobs.recorder import Recorder
 from launch.pictures import summary
 
-Standings = dict[Agent, dict[int, checkpointing.Standing]]  # of interrupted runs, by seed
+
+class Launch(NamedTuple):
+    """What all steps of a launch share."""
+
+    request: Request
+    folders: Mapping[str, RunFolder]  # by task
+    console: Console
+    stop: StopSignal
+    cluster: on_ray.Cluster | None  # None: this machine's own processes train
+
+    @property
+    def workers(self) -> int:
+        return self.cluster.workers if self.cluster else self.request.workers or manifest.cores()
+
+    def say(self, text: str) -> None:
+        self.console.print(text, soft_wrap=True)
+
+
+class Seeds(NamedTuple):
+    """Where the seeds stand that are asked for of one agent."""
+
+    agent: Agent
+    finished: tuple[int, ...]
+    interrupted: Mapping[int, Standing]  # they go on from their checkpoints
+    new: tuple[int, ...]  # they start from nothing
+    shorter: tuple[int, ...]  # of the new: those that have a policy of fewer periods
+
+    def missing(self, request: Request) -> dict[int, Standing]:
+        """Where each seed begins that is to be trained, in the order that they were asked for."""
+        begins = {**self.interrupted, **dict.fromkeys(self.new, Standing(0, []))}
+        return {seed: begins[seed] for seed in request.seeds if seed in begins}
 
 
 def run(request: Request, command: Sequence[str], *, work=worker.train_job) -> int:
@@ -28,7 +61,7 @@ def run(request: Request, command: Sequence[str], *, work=worker.train_job) -> i
 
     Args:
       command: its words, for the manifest.
-      work: trains a job, as `training.train_job` does.
+      work: trains a job, as `worker.train_job` does.
 
     Returns:
       0: everything asked for is in the run folders; 1: some runs failed; 128 + its number: a
@@ -37,30 +70,21 @@ def run(request: Request, command: Sequence[str], *, work=worker.train_job) -> i
     Raises:
       CommandError: a run folder is in use, or holds runs of another configuration.
     """
-    console = Console()
-    folders = {task: RunFolder(request.out, task) for task in request.tasks}
     with contextlib.ExitStack() as held:
         cluster = _cluster(request, held)
         stop = held.enter_context(StopSignal())  # after Ray has set signal handlers of its own
-        found = _lock(list(folders.values()), request, held, console)
-        workers = cluster.workers if cluster else request.workers or manifest.cores()
-        asked = {
-            "subgoal_layers": list(request.subgoal_layers),
-            "seeds": list(request.seeds),
-            "periods": request.periods,
-        }
-        manifests = {
-            task: manifest.add_launch(
-                _manifest(folder, request), command, workers, request.device, asked
-            )
-            for task, folder in folders.items()
-        }
-        recorder = Recorder(folders, manifests, console, request.tensorboard)
-        _train(request, recorder, found, workers, work, console, stop, cluster)
+        folders = {task: RunFolder(request.out, task) for task in request.tasks}
+        launch = Launch(request, folders, Console(), stop, cluster)
+        there = [folder for folder in folders.values() if folder.path.exists()]
+        _lock(there, held)
+        found = _interrupted(launch, there)  # what is refused is refused before a folder is made
+        _lock([folder for folder in folders.values() if folder not in there], held)
+        recorder = _recorder(launch, command)
+        _train(launch, recorder, _prepare(launch, recorder, found), work)
         if stop.number is None:
-            summary.present(folders.values(), request, console, stop)
+            summary.present(folders.values(), request, launch.console, stop)
         recorder.close(stopped=stop.number is not None)
-        return _conclude(request, folders, recorder, console, stop)
+        return _conclude(launch, recorder)
 
 
 def _cluster(request: Request, held: contextlib.ExitStack) -> on_ray.Cluster | None:
@@ -70,35 +94,50 @@ def _cluster(request: Request, held: contextlib.ExitStack) -> on_ray.Cluster | N
     return held.enter_context(on_ray.Cluster(request.ray_address, request.workers))
 
 
-def _lock(
-    folders: Sequence[RunFolder],
-    request: Request,
-    held: contextlib.ExitStack,
-    console: Console,
-) -> Standings:
-    """Locks all folders; what is refused is refused before any folder is made.
-
-    Returns:
-      Where the interrupted runs among those asked for stand.
-    """
-    found: Standings = {}
-    there = [folder for folder in folders if folder.path.exists()]
-    for folder in there:
+def _lock(folders: Iterable[RunFolder], held: contextlib.ExitStack) -> None:
+    for folder in folders:
         held.enter_context(folder.lock())
-    for folder in there:
+
+
+def _interrupted(
+    launch: Launch, folders: Iterable[RunFolder]
+) -> dict[Agent, checkpointing.Interrupted]:
+    """Where the interrupted seeds stand of the agents that are asked for.
+
+    Raises:
+      CommandError: a folder holds runs of another configuration, or a checkpoint of another run.
+    """
+    request, found = launch.request, {}
+    for folder in folders:
         horizons = _manifest(folder, request)["horizons"]
         for layers in request.subgoal_layers:
             agent = Agent(folder.task, layers)
-            seeds = _unfinished(folder, layers, request)
-            run = checkpointing.Run(agent, tuple(horizons[str(layers)]), request.config)
-            say = functools.partial(console.print, soft_wrap=True)
-            found[agent] = checkpointing.standings(
-                folder, run, seeds, request.periods, say, other_versions=request.other_versions
+            finished = folder.finished(agent, request.periods)
+            found[agent] = checkpointing.interrupted(
+                folder,
+                checkpointing.Setup(agent, tuple(horizons[str(layers)]), request.config),
+                [seed for seed in request.seeds if seed not in finished],
+                request.periods,
+                other_versions=request.other_versions,
             )
-    for folder in folders:
-        if folder not in there:
-            held.enter_context(folder.lock())
     return found
+
+
+def _recorder(launch: Launch, command: Sequence[str]) -> Recorder:
+    """What keeps the results, with manifests that know of this launch."""
+    request = launch.request
+    asked = {
+        "subgoal_layers": list(request.subgoal_layers),
+        "seeds": list(request.seeds),
+        "periods": request.periods,
+    }
+    manifests = {
+        task: manifest.add_launch(
+            _manifest(folder, request), command, launch.workers, request.device, asked
+        )
+        for task, folder in launch.folders.items()
+    }
+    return Recorder(launch.folders, manifests, launch.console, request.tensorboard)
 
 
 def _manifest(folder: RunFolder, request: Request) -> manifest.Manifest:
@@ -129,88 +168,91 @@ def _horizon(task: str) -> tuple[int, dict[int, tuple[int, ...]]]:
     return env.max_steps, env.horizons
 
 
-def _train(
-    request: Request,
-    recorder: Recorder,
-    found: Standings,
-    workers: int,
-    work,
-    console: Console,
-    stop: StopSignal,
-    cluster: on_ray.Cluster | None,
-) -> None:
-    """Trains what is missing."""
+def _prepare(
+    launch: Launch, recorder: Recorder, found: Mapping[Agent, checkpointing.Interrupted]
+) -> list[Job]:
+    """Says where all seeds stand, and readies the folders; returns the jobs that are left."""
+    request = launch.request
     missing = defaultdict[planning.Group, list[int]](list)
-    for task, folder in recorder.folders.items():
-        runs: dict[tuple[int, int], list[dict]] = {}
+    for task, folder in launch.folders.items():
+        runs = {}
         for layers in request.subgoal_layers:
             agent = Agent(task, layers)
-            standings = found.get(agent, {})
-            for seed in _missing(folder, layers, request, standings, console):
-                standing = standings.get(seed, checkpointing.Standing(0, []))
+            interrupted = found.get(agent, checkpointing.Interrupted({}, []))
+            seeds = _seeds(folder, agent, request, interrupted.standings)
+            for line in (*interrupted.warnings, *_said(seeds, request)):
+                launch.say(line)
+            folder.drop_checkpoints((layers, seed) for seed in seeds.finished)
+            for seed, standing in seeds.missing(request).items():
                 runs[layers, seed] = standing.rows
                 missing[planning.Group(agent, standing.train_episodes)].append(seed)
         recorder.prepare(task, runs)
-    episodes = request.periods * request.config.episodes_per_period
     groups = {group: tuple(seeds) for group, seeds in missing.items()}
-    jobs = planning.plan(groups, workers, episodes)
+    return planning.plan(groups, launch.workers, _episodes(request))
+
+
+def _episodes(request: Request) -> int:
+    return request.periods * request.config.episodes_per_period
+
+
+def _seeds(
+    folder: RunFolder, agent: Agent, request: Request, standings: Mapping[int, Standing]
+) -> Seeds:
+    finished = folder.finished(agent, request.periods)
+    new = [seed for seed in request.seeds if seed not in finished and seed not in standings]
+    return Seeds(
+        agent,
+        finished=tuple(seed for seed in request.seeds if seed in finished),
+        interrupted=standings,
+        new=tuple(new),
+        shorter=tuple(seed for seed in new if folder.has_policy(agent.subgoal_layers, seed)),
+    )
+
+
+def _said(seeds: Seeds, request: Request) -> list[str]:
+    """What a person is told of seeds that do not simply start."""
+    lines = []
+    if seeds.finished:
+        done = len(seeds.finished)
+        lines.append(f"{seeds.agent}: {done} of {len(request.seeds)} seeds are finished already")
+    if seeds.interrupted:
+        episodes = sorted({standing.train_episodes for standing in seeds.interrupted.values()})
+        lines.append(
+            f"{seeds.agent}: {len(seeds.interrupted)} seed(s) go on from episode "
+            + ", ".join(map(str, episodes))
+        )
+    if seeds.shorter:
+        lines.append(
+            f"{seeds.agent}: {len(seeds.shorter)} seeds were trained for fewer than "
+            f"{request.periods} periods; they are trained again from the start"
+        )
+    return lines
+
+
+def _train(launch: Launch, recorder: Recorder, jobs: Sequence[Job], work) -> None:
+    """Trains the jobs, here or on the cluster, and records what they tell."""
     if not jobs:
         return
-    plans = {task: _plan(task, request, recorder) for task in request.tasks}
-    say = functools.partial(console.print, soft_wrap=True)
-    again = functools.partial(lost_jobs.again, recorder=recorder, plans=plans, say=say)
-    run_jobs = functools.partial(cluster.execute, again=again) if cluster else execute
-    with Board(jobs, episodes, console) as board:
+    plans = {task: _plan(task, launch.request, recorder) for task in launch.folders}
+    with Board(jobs, _episodes(launch.request), launch.console) as board:
 
         def poll() -> None:
             board.tick()
             recorder.tick()
 
-        run_jobs(
-            jobs,
-            functools.partial(work, plans=plans),
-            workers=workers,
-            log=lambda job: recorder.folders[job.agent.task].log(job),
+        hooks = Hooks(
+            log=lambda job: launch.folders[job.agent.task].log(job),
             on_message=functools.partial(recorder.receive, board),
             on_poll=poll,
-            stop=stop,
         )
-
-
-def _unfinished(folder: RunFolder, layers: int, request: Request) -> tuple[int, ...]:
-    finished = folder.finished(Agent(folder.task, layers), request.periods)
-    return tuple(seed for seed in request.seeds if seed not in finished)
-
-
-def _missing(
-    folder: RunFolder,
-    layers: int,
-    request: Request,
-    standings: Mapping[int, checkpointing.Standing],
-    console: Console,
-) -> tuple[int, ...]:
-    """Seeds of an agent that are still to be trained; says which are not, and which go on."""
-    agent = Agent(folder.task, layers)
-    missing = _unfinished(folder, layers, request)
-    finished = set(request.seeds) - set(missing)
-    folder.drop_checkpoints((layers, seed) for seed in finished)
-    if finished:
-        done = len(finished)
-        console.print(f"{agent}: {done} of {len(request.seeds)} seeds are finished already")
-    if standings:
-        episodes = sorted({standing.train_episodes for standing in standings.values()})
-        console.print(
-            f"{agent}: {len(standings)} seed(s) go on from episode {', '.join(map(str, episodes))}"
-        )
-    shorter = [
-        seed for seed in missing if seed not in standings and folder.has_policy(layers, seed)
-    ]
-    if shorter:
-        console.print(
-            f"{agent}: {len(shorter)} seeds were trained for fewer than {request.periods} periods; "
-            "they are trained again from the start"
-        )
-    return missing
+        train = functools.partial(work, plans=plans)
+        if launch.cluster:
+            again = functools.partial(
+                lost_jobs.again, recorder=recorder, plans=plans, say=launch.say
+            )
+            launch.cluster.execute(jobs, train, hooks, stop=launch.stop, again=again)
+        else:
+            execute(jobs, train, hooks, stop=launch.stop, workers=launch.workers)
 
 
 def _plan(task: str, request: Request, recorder: Recorder) -> worker.Plan:
@@ -224,26 +266,20 @@ def _plan(task: str, request: Request, recorder: Recorder) -> worker.Plan:
     )
 
 
-def _conclude(
-    request: Request,
-    folders: dict[str, RunFolder],
-    recorder: Recorder,
-    console: Console,
-    stop: StopSignal,
-) -> int:
+def _conclude(launch: Launch, recorder: Recorder) -> int:
     """Prints how it ended; returns the exit status."""
-    if stop.number is not None:
-        console.print("stopped; finished runs are kept, and the same command goes on from there")
-        return 128 + stop.number
-    for folder in folders.values():
-        summary.summarise(folder, console)
+    if launch.stop.number is not None:
+        launch.say("stopped; finished runs are kept, and the same command goes on from there")
+        return 128 + launch.stop.number
+    for folder in launch.folders.values():
+        summary.summarise(folder, launch.console)
     for job, reason in recorder.failures.items():
-        console.print(
+        launch.console.print(
             f"failed: {job.agent}, seeds {', '.join(map(str, job.seeds))}: {reason}\n"
-            f"  see {folders[job.agent.task].failure(job)}",
+            f"  see {launch.folders[job.agent.task].failure(job)}",
             style="red",
             soft_wrap=True,
         )
     if recorder.failures:
-        console.print("the same command tries again what failed, and only that")
+        launch.say("the same command tries again what failed, and only that")
     return 1 if recorder.failures else 0

@@ -25,7 +25,7 @@ from analysis.program import CommandError
 from analysis.reading.files import write_atomically
 from launch.asking import lists
 from launch.folder import policies
-from launch.pictures.subgoal_log import Replay, replay
+from launch.pictures.subgoal_log import Replayed, replay
 
 SUBGOALS_FILE, ANATOMY_FILE = "subgoals.csv", "anatomy.json"
 
@@ -95,14 +95,14 @@ def _agents(found: Sequence[policies.Found]) -> list[int]:
     return sorted({policy.subgoal_layers for policy in found})
 
 
-def _replay(path: Path, episodes: int) -> Replay:
+def _replay(path: Path, episodes: int) -> Replayed:
     try:
         return replay(hac_suite.Policy.load(path), episodes)
     except (KeyError, TypeError, ValueError) as error:
         raise CommandError(f"policy {path}: {error}") from error
 
 
-def _write_table(replays: Sequence[Replay], path: Path) -> None:
+def _write_table(replays: Sequence[Replayed], path: Path) -> None:
     """A row per high-level subgoal, policy by policy, in the order of time."""
     task = replays[0].policy.metadata["task"]
     spec = tasks.spec(task)
@@ -120,7 +120,7 @@ def _write_table(replays: Sequence[Replay], path: Path) -> None:
             writer.writerows(_rows(played, list(conditions.values())))
 
 
-def _rows(played: Replay, conditions: list[int]) -> Iterator[list[Any]]:
+def _rows(played: Replayed, conditions: list[int]) -> Iterator[list[Any]]:
     metadata, layers = played.policy.metadata, played.policy.subgoal_layers
     high = [subgoal for subgoal in played.subgoals if subgoal.level >= _HIGH]
     for s in sorted(high, key=lambda s: (s.episode, s.level, s.step)):
@@ -140,7 +140,7 @@ def _condition_columns(task: str) -> dict[str, int]:
     return {name: int(ends[name]) - 1 for name in names}
 
 
-def _typical(replays: Sequence[Replay], layers: int) -> tuple[Replay, int]:
+def _typical(replays: Sequence[Replayed], layers: int) -> tuple[Replayed, int]:
     """An agent's replay and episode to show: as `policies.typical`, a success where there is one.
 
     Of its episodes, one that takes a median number of steps.
@@ -156,7 +156,7 @@ def _typical(replays: Sequence[Replay], layers: int) -> tuple[Replay, int]:
     return median, 0
 
 
-def _anatomy(chosen: Sequence[tuple[Replay, int]]) -> dict[str, Any]:
+def _anatomy(chosen: Sequence[tuple[Replayed, int]]) -> dict[str, Any]:
     """The episodes with all their subgoals, and the spaces that these are points of."""
     task = chosen[0][0].policy.metadata["task"]
     spec = tasks.spec(task)
@@ -178,7 +178,7 @@ def _anatomy(chosen: Sequence[tuple[Replay, int]]) -> dict[str, Any]:
     }
 
 
-def _episode(played: Replay, index: int) -> dict[str, Any]:
+def _episode(played: Replayed, index: int) -> dict[str, Any]:
     steps = int(played.stats.steps[index])
     return {
         "subgoal_layers": played.policy.subgoal_layers,

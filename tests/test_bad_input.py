@@ -24,8 +24,8 @@ from launch import play, status
 from launch.asking import request
 from launch.asking.settings import field_names
 from launch.folder import policies, results, states
+from launch.folder.agents import Agent, Job
 from launch.folder.layout import RunFolder
-from launch.jobs.planning import Agent, Job
 from tasks import assets
 from tests.launch import fake_jobs
 

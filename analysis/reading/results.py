@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from analysis.reading import schema
+from analysis.reading import paper, schema
 
 RESULTS_FILE = "results.csv"
 
@@ -142,7 +142,8 @@ def _check_unique(results: pd.DataFrame) -> None:
     doubled = results[results.duplicated(list(schema.KEY))]
     if len(doubled):
         rows = [
-            f"{row.task}, {row.subgoal_layers} subgoal layers, seed {row.seed}, period {row.period}"
+            f"{row.task}, {paper.agent_name(row.subgoal_layers)}, seed {row.seed}, "
+            f"period {row.period}"
             for row in doubled.head(3).itertuples()
         ]
         more = f" and {len(doubled) - 3} more" if len(doubled) > 3 else ""

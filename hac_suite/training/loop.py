@@ -13,41 +13,11 @@ from hac_suite.algorithm.hierarchy import collect
 from hac_suite.config import Config
 from hac_suite.policy import Policy
 from hac_suite.state import SeedState, restoring
+from hac_suite.training.callback import Boundary, Callback, LostSeed, Progress
 from hac_suite.training.evaluation import EpisodeStats
 from hac_suite.training.population import Population
 from hac_suite.training.tally import Tally
 from hac_suite.types import VectorEnv
-
-
-class Progress(NamedTuple):
-    """Where a training stands after a round of episodes."""
-
-    train_episodes: int  # per seed
-    total_episodes: int
-    success_rate: float  # of the last test period, mean over seeds
-
-
-class Boundary(NamedTuple):
-    """A moment between rounds, at which a training can be saved and gone on with later."""
-
-    train_episodes: int  # per seed
-    tested: bool  # a test period has just ended, and its result been taken
-    states: Callable[[], Iterator[SeedState]]  # of each seed, to be used before this returns
-
-
-class Lost(NamedTuple):
-    """A seed that has stopped: a weight of its networks is no longer a number."""
-
-    seed: int
-    level: int  # the lowest with such a weight
-    updates: int  # of that level, when it was found
-    train_episodes: int
-
-    def __str__(self) -> str:
-        return (
-            f"a weight of level {self.level} was no finite number after {self.updates} updates "
-            f"({self.train_episodes} training episodes)"
-        )
 
 
 class PeriodResult(NamedTuple):
@@ -66,11 +36,9 @@ def train(
     subgoal_layers: int,
     horizons: tuple[int, ...],
     periods: int,
-    on_progress: Callable[[Progress], None] | None = None,
     device: torch.device | str = "cpu",
     start: Iterable[SeedState] | None = None,
-    on_boundary: Callable[[Boundary], None] | None = None,
-    on_lost: Callable[[Lost], None] | None = None,
+    callback: Callback | None = None,
 ) -> Iterator[PeriodResult]:
     """Trains one agent per seed; yields each test period, the untrained one (period 0) first.
 
@@ -84,9 +52,8 @@ def train(
         start: the seeds' states at an earlier boundary, all of the same episode: the training
             goes on from there, with the test period that comes next. Taken one by one, since
             they are large.
-        on_boundary: called after each round and test period but the last.
-        on_lost: called for a seed whose weights are no longer finite, which stops it; the others
-            go on as if it had never been there. The training ends with its last seed.
+        callback: told how the training goes. A seed whose weights are no longer finite stops; the
+            others go on as if it had never been there. The training ends with its last seed.
 
     Raises:
         ValueError: seeds repeat, horizons do not match subgoal_layers, or `start` is not of these
@@ -96,14 +63,22 @@ def train(
         raise ValueError(f"Seeds must be given and differ from each other: {list(seeds)}.")
     if len(horizons) != subgoal_layers + 1:
         raise ValueError(f"{subgoal_layers} subgoal layers need {subgoal_layers + 1} horizons.")
-    training = _Training(make_env, config, tuple(seeds), horizons, device)
+    training = Training(make_env, config, tuple(seeds), horizons, device)
     if start is not None:
         training.restore(start)
-    return training.run(periods, on_progress, on_boundary, on_lost)
+    return training.run(periods, callback or Callback())
 
 
-class _Training:
-    """The state of one training: its population, environments and counters."""
+class Training:
+    """The state of one training: its population, environments and counters.
+
+    `train` is all that most need; this is for what measures or steps a training itself.
+
+    Attributes:
+        population: the agents, and what they have stored.
+        env: in which they train.
+        test_seeds: int [seeds * test_episodes], what decides each episode of a test period.
+    """
 
     def __init__(
         self,
@@ -120,10 +95,10 @@ class _Training:
     def _begin(self, seeds: tuple[int, ...]) -> None:
         config = self._config
         self._seeds = seeds
-        self._env = self._make_env(len(seeds) * config.episodes_per_round)
+        self.env = self._make_env(len(seeds) * config.episodes_per_round)
         self._test_env = self._make_env(len(seeds) * config.test_episodes)
-        self._population = Population(self._env, config, self._horizons, seeds, self._device)
-        self._test_seeds = self._episode_seeds(Purpose.TEST_EPISODE, 0, config.test_episodes)
+        self.population = Population(self.env, config, self._horizons, seeds, self._device)
+        self.test_seeds = self._episode_seeds(Purpose.TEST_EPISODE, 0, config.test_episodes)
         self._episodes = 0
         self._steps = np.zeros(len(seeds), np.int64)
         self._tally = self._new_tally()
@@ -148,7 +123,7 @@ class _Training:
         # Read once: seeds that are trained side by side stand at one time.
         seconds = self._seconds()
         for index, seed in enumerate(self._seeds):
-            learnt = self._population.state(index)
+            learnt = self.population.state(index)
             own = {
                 "seed": seed,
                 "train_episodes": self._episodes,
@@ -171,7 +146,7 @@ class _Training:
                 numbers = state.numbers
                 if numbers["seed"] != seed:
                     raise ValueError(f"A state is of seed {numbers['seed']}, not of seed {seed}.")
-                self._population.restore(index, state)
+                self.population.restore(index, state)
                 self._tally.restore(index, numbers["tally"])
                 self._steps[index] = numbers["train_steps"]
                 self._earlier[index] = numbers["seconds"]
@@ -181,35 +156,29 @@ class _Training:
                 raise ValueError(f"The seeds' states are of different episodes {sorted(episodes)}.")
             (self._episodes,) = episodes
 
-    def run(
-        self,
-        periods: int,
-        on_progress: Callable[[Progress], None] | None,
-        on_boundary: Callable[[Boundary], None] | None,
-        on_lost: Callable[[Lost], None] | None = None,
-    ) -> Iterator[PeriodResult]:
+    def run(self, periods: int, callback: Callback) -> Iterator[PeriodResult]:
         """Trains and tests from where it stands until `periods` are done."""
         per_period = self._config.episodes_per_period
         for period in range(len(self._rows[0]), periods + 1):
             while self._episodes < period * per_period:
-                self._train_round()
-                broken = self._population.broken()
-                if broken and not self._go_on_without(broken, on_lost):
+                self.train_round()
+                broken = self.population.broken()
+                if broken and not self._go_on_without(broken, callback):
                     return
-                if on_progress:
-                    success = float(np.mean([rows[-1]["success_rate"] for rows in self._rows]))
-                    on_progress(Progress(self._episodes, periods * per_period, success))
-                if on_boundary and self._episodes < period * per_period:
-                    on_boundary(Boundary(self._episodes, False, self.states))
-            yield self._test(period)
-            if on_boundary and period < periods:
-                on_boundary(Boundary(self._episodes, True, self.states))
+                success = float(np.mean([rows[-1]["success_rate"] for rows in self._rows]))
+                callback.on_progress(Progress(self._episodes, success))
+                if self._episodes < period * per_period:
+                    callback.on_boundary(Boundary(self._episodes, False, self.states))
+            yield self.test(period)
+            if period < periods:
+                callback.on_boundary(Boundary(self._episodes, True, self.states))
 
-    def _train_round(self) -> None:
-        population, config = self._population, self._config
-        draws = population.draw_round(self._env.max_steps)
+    def train_round(self) -> None:
+        """A round of episodes and updates of every seed."""
+        population, config = self.population, self._config
+        draws = population.draw_round(self.env.max_steps)
         run = collect(
-            self._env,
+            self.env,
             population.exploring_actors(),
             config,
             self._horizons,
@@ -222,29 +191,27 @@ class _Training:
         self._steps += run.steps.reshape(len(self._seeds), -1).sum(1)
         self._tally.add(run, config)
 
-    def _go_on_without(
-        self, broken: Mapping[int, int], on_lost: Callable[[Lost], None] | None
-    ) -> bool:
+    def _go_on_without(self, broken: Mapping[int, int], callback: Callback) -> bool:
         """Becomes the training of the other seeds, if there are any; `broken`: levels by index."""
         for index, level in broken.items():
-            updates = self._population.updates(index, level)
-            if on_lost:
-                on_lost(Lost(self._seeds[index], level, updates, self._episodes))
+            updates = self.population.updates(index, level)
+            callback.on_lost(LostSeed(self._seeds[index], level, updates, self._episodes))
         kept = [state for index, state in enumerate(self.states()) if index not in broken]
         if kept:
             self._begin(tuple(state.numbers["seed"] for state in kept))
             self.restore(kept)
         return bool(kept)
 
-    def _test(self, period: int) -> PeriodResult:
-        population = self._population
+    def test(self, period: int) -> PeriodResult:
+        """A test period of every seed."""
+        population = self.population
         run = collect(
             self._test_env,
             population.tested_actors(),
             self._config,
             self._horizons,
             None,
-            self._test_seeds,
+            self.test_seeds,
             test=True,
         )
         stats = EpisodeStats.of(run)

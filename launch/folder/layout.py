@@ -13,7 +13,7 @@ from typing import Any
 
 from analysis.program import CommandError
 from launch.folder import results
-from launch.jobs.planning import Agent, Job
+from launch.folder.agents import Agent, Job
 
 POLICY_SUFFIXES = (".json", ".safetensors")
 
@@ -48,14 +48,14 @@ class RunFolder:
     def video(self, subgoal_layers: int) -> Path:
         return self.videos / f"{self.task}_{subgoal_layers}layers.mp4"
 
-    def checkpoint(self, subgoal_layers: int, seed: int) -> Path:
-        """The folder of an unfinished run's checkpoints."""
+    def checkpoints_of(self, subgoal_layers: int, seed: int) -> Path:
+        """The folder of an unfinished seed's checkpoints."""
         return self.checkpoints / f"{self.task}_{subgoal_layers}layers_seed{seed}"
 
     def drop_checkpoints(self, runs: Iterable[tuple[int, int]]) -> None:
         """Removes the checkpoints of runs (subgoal_layers, seed) whose results are all here."""
         for run in runs:
-            shutil.rmtree(self.checkpoint(*run), ignore_errors=True)
+            shutil.rmtree(self.checkpoints_of(*run), ignore_errors=True)
         with contextlib.suppress(OSError):  # others are unfinished, or there was none
             self.checkpoints.rmdir()
 

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from analysis.program import CommandError
+from analysis.reading import paper
 
 PUBLISHED = Path(__file__).resolve().parents[2] / "assets" / "policies"
 """The best seed of each task and agent of the published grid."""
@@ -99,7 +100,7 @@ def choose(
         if policy.subgoal_layers == subgoal_layers and seed in (None, policy.seed)
     ]
     if not own:
-        wanted = f"{subgoal_layers} subgoal layers" + ("" if seed is None else f", seed {seed}")
+        wanted = paper.agent_name(subgoal_layers) + ("" if seed is None else f", seed {seed}")
         raise CommandError(f"{where} has no policy of {wanted}; it has {_listed(found)}")
     return typical(own)
 
@@ -107,7 +108,7 @@ def choose(
 def _listed(found: Sequence[Found]) -> str:
     agents = sorted({policy.subgoal_layers for policy in found})
     return "; ".join(
-        f"{layers} subgoal layers: seeds "
+        f"{paper.agent_name(layers)}: seeds "
         + ", ".join(str(policy.seed) for policy in found if policy.subgoal_layers == layers)
         for layers in agents
     )

@@ -12,8 +12,8 @@ from typing import Any, NamedTuple
 from analysis.program import CommandError
 from analysis.statistics.seeds import SAME_JOB_SECONDS
 from launch.folder import manifest, results
+from launch.folder.agents import Agent, Job
 from launch.folder.layout import RunFolder
-from launch.jobs.planning import Agent, Job
 
 STATES = ("done", "running", "waiting", "stopped", "failed")
 
@@ -149,7 +149,7 @@ def _at_work(folder: RunFolder) -> list[tuple[int, range]]:
 
 
 def _checkpointed(folder: RunFolder, run: tuple[int, int]) -> int:
-    stems = [file.stem for file in folder.checkpoint(*run).glob("[0-9]*.json")]
+    stems = [file.stem for file in folder.checkpoints_of(*run).glob("[0-9]*.json")]
     return max((int(stem) for stem in stems if stem.isdecimal()), default=0)
 
 

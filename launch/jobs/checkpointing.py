@@ -11,8 +11,8 @@ from hac_suite import checkpoint
 from hac_suite.config import completed
 from launch.asking import settings
 from launch.folder import manifest, results
+from launch.folder.agents import Agent
 from launch.folder.layout import RunFolder
-from launch.jobs.planning import Agent
 
 MOST_SECONDS_BETWEEN = 300.0
 # A checkpoint waits until those before it have cost no more than this share of the time.
@@ -39,8 +39,8 @@ class Standing(NamedTuple):
     rows: list[dict[str, Any]]  # of results.csv, of the test periods so far
 
 
-class Run(NamedTuple):
-    """What an agent's runs have in common: what a checkpoint must agree with to be gone on from."""
+class Setup(NamedTuple):
+    """What all seeds of an agent have in common: a checkpoint of another setup is not theirs."""
 
     agent: Agent
     horizons: tuple[int, ...]
@@ -58,16 +58,22 @@ class Run(NamedTuple):
         }
 
 
-def standings(
+class Interrupted(NamedTuple):
+    """Those of an agent's seeds that have a whole checkpoint."""
+
+    standings: dict[int, Standing]  # by seed
+    warnings: list[str]  # what a person should know of damaged checkpoints, and of versions
+
+
+def interrupted(
     folder: RunFolder,
-    run: Run,
+    setup: Setup,
     seeds: Sequence[int],
     periods: int,
-    say: Callable[[str], None],
     *,
     other_versions: bool,
-) -> dict[int, Standing]:
-    """Where those of the seeds stand that have a whole checkpoint; damaged ones are named.
+) -> Interrupted:
+    """Where those of the seeds stand that have a whole checkpoint.
 
     Args:
       other_versions: whether to go on, with a warning, from what other versions of the libraries
@@ -77,37 +83,43 @@ def standings(
       CommandError: a checkpoint is of another run, of one that was asked for more periods, or of
         other versions that are not wanted.
     """
-    found, differing = {}, set[str]()
+    found, warnings, differing = {}, list[str](), set[str]()
     for seed in seeds:
-        file = folder.checkpoint(run.agent.subgoal_layers, seed)
+        file = folder.checkpoints_of(setup.agent.subgoal_layers, seed)
         newest, complaints = checkpoint.newest(file)
-        for complaint in complaints:
-            say(f"warning: {complaint}")
-        if newest is None or not newest.train_episodes:
-            if complaints:
-                say(f"{run.agent}, seed {seed}: no checkpoint is whole; it starts from nothing")
-            continue
-        if complaints:
-            say(f"{run.agent}, seed {seed}: goes on from episode {newest.train_episodes}")
-        differing |= _check(file, newest, run.about(seed))
-        rows = _rows(file, newest, run.agent, seed)
-        if len(rows) > periods:
-            raise CommandError(
-                _LONGER_RUN.format(
-                    agent=run.agent,
-                    seed=seed,
-                    period=len(rows) - 1,
-                    least=len(rows),
-                    file=file,
-                )
-            )
-        found[seed] = Standing(newest.train_episodes, rows)
+        begins = newest.train_episodes if newest else 0
+        warnings += _of_damage(setup.agent, seed, begins, complaints)
+        if newest is not None and begins:
+            differing |= _check(file, newest, setup.about(seed))
+            found[seed] = Standing(begins, _rows(file, newest, setup.agent, seed))
+            _check_length(file, found[seed], setup.agent, seed, periods)
     if differing:
-        message = _OTHER_VERSIONS.format(agent=run.agent, versions=", ".join(sorted(differing)))
+        message = _OTHER_VERSIONS.format(agent=setup.agent, versions=", ".join(sorted(differing)))
         if not other_versions:
             raise CommandError(f"{message}; install those, or go on with --other_versions")
-        say(f"warning: {message}")
-    return found
+        warnings.append(f"warning: {message}")
+    return Interrupted(found, warnings)
+
+
+def _of_damage(agent: Agent, seed: int, begins: int, complaints: Sequence[str]) -> list[str]:
+    """What a person is told of a seed's damaged checkpoints."""
+    if not complaints:
+        return []
+    then = (
+        f"goes on from episode {begins}"
+        if begins
+        else "no checkpoint is whole; it starts from nothing"
+    )
+    return [*(f"warning: {complaint}" for complaint in complaints), f"{agent}, seed {seed}: {then}"]
+
+
+def _check_length(file: Path, standing: Standing, agent: Agent, seed: int, periods: int) -> None:
+    """Raises CommandError where fewer periods are asked for than are behind the seed."""
+    tested = len(standing.rows)
+    if tested > periods:
+        raise CommandError(
+            _LONGER_RUN.format(agent=agent, seed=seed, period=tested - 1, least=tested, file=file)
+        )
 
 
 def _check(file: Path, found: checkpoint.Checkpoint, own: Mapping[str, Any]) -> set[str]:
@@ -156,15 +168,15 @@ class Saver:
     def __init__(
         self,
         folder: RunFolder,
-        run: Run,
+        setup: Setup,
         seeds: Sequence[int],
         start: int,
         warn: Callable[[str], None],
     ) -> None:
         """`start` is the training episode that the seeds go on from, 0 for a new run."""
-        layers = run.agent.subgoal_layers
-        self._run = run
-        self._folders = {seed: folder.checkpoint(layers, seed) for seed in seeds}
+        layers = setup.agent.subgoal_layers
+        self._setup = setup
+        self._folders = {seed: folder.checkpoints_of(layers, seed) for seed in seeds}
         self._start, self._warn = start, warn
         self._writer = self._new_writer(start or None)
         self._saved = time.monotonic()
@@ -173,7 +185,7 @@ class Saver:
         self._warned = False
 
     def _new_writer(self, last: int | None) -> checkpoint.Writer:
-        about = [self._run.about(seed) for seed in self._folders]
+        about = [self._setup.about(seed) for seed in self._folders]
         return checkpoint.Writer(list(self._folders.values()), about, last)
 
     def leave_out(self, seed: int) -> None:

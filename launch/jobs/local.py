@@ -15,31 +15,13 @@ from multiprocessing.process import BaseProcess
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from launch.jobs.planning import Job
+from launch.folder.agents import Job
+from launch.jobs.messages import Failed, Finished, Hooks, Send, Started
 
-Send = Callable[[Any], None]
 Work = Callable[[Job, Send], None]
 
 _POLL_SECONDS = 0.2
 GRACE_SECONDS = 60.0  # for workers to save what they are at
-
-
-class Started(NamedTuple):
-    pass
-
-
-class Finished(NamedTuple):
-    seconds: float
-
-
-class Failed(NamedTuple):
-    reason: str  # one line; what the worker printed is in its log
-
-
-class Lost(NamedTuple):
-    """The job's machine died, or Ray's process on it: the job begins again elsewhere."""
-
-    reason: str
 
 
 class StopSignal:
@@ -80,39 +62,31 @@ class _Worker(NamedTuple):
 
 
 def execute(
-    jobs: Sequence[Job],
-    work: Work,
-    *,
-    workers: int,
-    log: Callable[[Job], Path],
-    on_message: Callable[[Job, Any], None],
-    on_poll: Callable[[], None],
-    stop: StopSignal,
+    jobs: Sequence[Job], work: Work, hooks: Hooks, *, workers: int, stop: StopSignal
 ) -> None:
     """Runs every job, in this order, `workers` at a time.
 
     Args:
       work: what a worker calls with its job and a function that sends messages; an importable
         function or a partial of one, since the processes are spawned.
-      log: where a job's process writes what it prints. Removed if the job finishes.
-      on_message: gets Started of each job, what the job sends, and one Finished or Failed.
-      on_poll: called a few times a second.
+      hooks: they hear Started of each job, what the job sends, and one Finished or Failed. The log
+        of a job that finishes is removed.
       stop: when set, workers are ended and no further message comes.
     """
     waiting, running = list(jobs), list[_Worker]()
     try:
         while (waiting or running) and stop.number is None:
             while waiting and len(running) < workers:
-                running.append(_start(waiting[0], work, log(waiting.pop(0))))
-                on_message(running[-1].job, Started())
+                running.append(_start(waiting[0], work, hooks.log(waiting.pop(0))))
+                hooks.on_message(running[-1].job, Started())
             ready = wait([worker.messages for worker in running], timeout=_POLL_SECONDS)
             for worker in [worker for worker in running if worker.messages in ready]:
                 message = _receive(worker)
                 if isinstance(message, Finished | Failed):
                     running.remove(worker)
                     _settle(worker, message)
-                on_message(worker.job, message)
-            on_poll()
+                hooks.on_message(worker.job, message)
+            hooks.on_poll()
     finally:
         for worker in running:  # all at once: each may have a checkpoint to write first
             worker.process.terminate()
@@ -120,7 +94,7 @@ def execute(
             _end(worker.process, GRACE_SECONDS)
 
 
-def messages(job: Job, work: Work, log: Path) -> Generator[Any, None, None]:
+def messages_of(job: Job, work: Work, log: Path) -> Generator[Any, None, None]:
     """Runs one job in a worker process; yields the messages that `execute` passes on.
 
     Closing this ends the worker.

@@ -2,8 +2,8 @@
 
 from collections.abc import Callable, Mapping
 
+from launch.folder.agents import Job
 from launch.jobs import checkpointing
-from launch.jobs.planning import Job
 from launch.jobs.recorder import Recorder
 from launch.jobs.worker import Plan
 
@@ -17,10 +17,14 @@ def again(
     """
     task, subgoal_layers = job.agent
     plan = plans[task]
-    run = checkpointing.Run(job.agent, plan.horizons[subgoal_layers], plan.config)
+    setup = checkpointing.Setup(job.agent, plan.horizons[subgoal_layers], plan.config)
     folder = recorder.folders[task]
     job = job._replace(seeds=recorder.unfailed(job))
-    found = checkpointing.standings(folder, run, job.seeds, plan.periods, say, other_versions=True)
+    found, warnings = checkpointing.interrupted(
+        folder, setup, job.seeds, plan.periods, other_versions=True
+    )
+    for warning in warnings:
+        say(warning)
     recorder.add(job, [row for seed in sorted(found) for row in found[seed].rows])
     if len(found) < len(job.seeds):
         return job._replace(start=0)

@@ -1,6 +1,6 @@
 """Runs jobs as Ray tasks, each on some machine of a cluster, and elsewhere if that machine dies.
 
-A Ray task does no more than watch over one worker process, as `execution.execute` does here: what
+A Ray task does no more than watch over one worker process, as `local.execute` does here: what
 goes wrong in that process ends the same way. Machines share the run folder and this code's folder.
 """
 
@@ -16,9 +16,10 @@ from typing import Any, NamedTuple
 
 from analysis.program import CommandError
 from launch.folder import manifest
+from launch.folder.agents import Job
 from launch.jobs import local
-from launch.jobs.local import Failed, Finished, Lost, StopSignal, Work
-from launch.jobs.planning import Job
+from launch.jobs.local import StopSignal, Work
+from launch.jobs.messages import Failed, Finished, Hooks, WorkerLost
 
 MOST_LOSSES = 3  # of one job; the next fails it
 
@@ -104,18 +105,15 @@ class Cluster:
         self,
         jobs: Sequence[Job],
         work: Work,
+        hooks: Hooks,
         *,
-        workers: int,
-        log: Callable[[Job], Path],
-        on_message: Callable[[Job, Any], None],
-        on_poll: Callable[[], None],
         stop: StopSignal,
         again: Callable[[Job], Job],
     ) -> None:
-        """Does what `execution.execute` does, on the cluster.
+        """Does what `local.execute` does, on the cluster.
 
-        A job whose machine is lost begins again elsewhere, `MOST_LOSSES` times at most: on_message
-        gets Lost, and then what `again` makes of the job, to begin where its checkpoints stand,
+        A job whose machine is lost begins again elsewhere, `MOST_LOSSES` times at most: the hooks
+        hear WorkerLost; then what `again` makes of the job, to begin where its checkpoints stand,
         runs in its name. Machines see the logs and what `work` reads and writes at the same paths.
         """
         waiting = [(job, job) for job in jobs]
@@ -123,29 +121,29 @@ class Cluster:
         losses = Counter[Job]()
         try:
             while (waiting or running) and stop.number is None:
-                while waiting and len(running) < workers:
+                while waiting and len(running) < self.workers:
                     job, now = waiting.pop(0)
-                    running.append(_Attempt(job, _submit(now, work, log(job))))
+                    running.append(_Attempt(job, _submit(now, work, hooks.log(job))))
                 for attempt in _ready(running):
                     message = _next(attempt.messages)
-                    if isinstance(message, Finished | Failed | Lost):
+                    if isinstance(message, Finished | Failed | WorkerLost):
                         running.remove(attempt)
-                    if isinstance(message, Lost):
+                    if isinstance(message, WorkerLost):
                         losses[attempt.job] += 1
                         message = _after_loss(attempt.job, message, losses, again, waiting)
-                    on_message(attempt.job, message)
-                on_poll()
+                    hooks.on_message(attempt.job, message)
+                hooks.on_poll()
         finally:
             _cancel(running)
 
 
 def _after_loss(
     job: Job,
-    lost: Lost,
+    lost: WorkerLost,
     losses: Counter[Job],
     again: Callable[[Job], Job],
     waiting: list[tuple[Job, Job]],
-) -> Lost | Failed:
+) -> WorkerLost | Failed:
     """Puts the job first in the queue, if it was not lost too often; what to tell about it."""
     if losses[job] > MOST_LOSSES:
         return Failed(f"lost {losses[job]} times with its machine: {lost.reason}")
@@ -154,7 +152,7 @@ def _after_loss(
     except (CommandError, OSError) as error:
         return Failed(f"lost with its machine, and its checkpoints cannot be used: {error}")
     waiting.insert(0, (job, now))
-    return Lost(f"{lost.reason}; goes on elsewhere from episode {now.start}")
+    return WorkerLost(f"{lost.reason}; goes on elsewhere from episode {now.start}")
 
 
 def _knock(address: str) -> None:
@@ -195,7 +193,7 @@ def _next(messages: Any) -> Any:
     except ray.exceptions.RayTaskError as error:  # the worker could not even be started
         return Failed(f"{type(error.cause).__name__}: {error.cause}".splitlines()[0])
     except ray.exceptions.RayError as error:
-        return Lost(type(error).__name__)
+        return WorkerLost(type(error).__name__)
 
 
 def _cancel(running: Sequence[_Attempt]) -> None:
@@ -212,6 +210,6 @@ def _cancel(running: Sequence[_Attempt]) -> None:
 
 def _watch(job: Job, work: Work, log: Path) -> Iterator[bytes]:
     """What a Ray task does: runs the job in a process of its own; yields its messages, pickled."""
-    with contextlib.closing(local.messages(job, work, log)) as messages:
+    with contextlib.closing(local.messages_of(job, work, log)) as messages:
         for message in messages:
             yield pickle.dumps(message)

@@ -5,20 +5,10 @@ import itertools
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
-_OVERHEAD = 0.4  # what a population takes whatever its size, in seeds (measured on ur5_reacher)
+from launch.folder.agents import Agent, Job
+
 _MOST_JOBS_PER_WORKER = 3
 _NEARLY = 1.15  # a plan with fewer jobs may end this many times later than the earliest
-
-
-class Agent(NamedTuple):
-    """What a curve in the figure stands for: a task and a number of subgoal layers."""
-
-    task: str
-    subgoal_layers: int
-
-    def __str__(self) -> str:
-        plural = "" if self.subgoal_layers == 1 else "s"
-        return f"{self.task}, {self.subgoal_layers} subgoal layer{plural}"
 
 
 class Group(NamedTuple):
@@ -26,27 +16,6 @@ class Group(NamedTuple):
 
     agent: Agent
     train_episodes: int = 0
-
-
-class Job(NamedTuple):
-    """One agent and the seeds that one worker process trains as a population."""
-
-    agent: Agent
-    seeds: tuple[int, ...]
-    start: int = 0  # the training episode of each seed that it goes on from
-    stop: int = 1  # and the one that it ends with
-
-    @property
-    def name(self) -> str:
-        """Unique within a launch, and fit for a file name."""
-        first, last = min(self.seeds), max(self.seeds)
-        return f"{self.agent.task}_{self.agent.subgoal_layers}layers_seeds{first}-{last}"
-
-    @property
-    def cost(self) -> float:
-        """Relative duration: every level of every seed has its own networks to update."""
-        episodes = self.stop - self.start
-        return (self.agent.subgoal_layers + 1) * (len(self.seeds) + _OVERHEAD) * episodes
 
 
 def plan(missing: Mapping[Group, tuple[int, ...]], workers: int, episodes: int = 1) -> list[Job]:

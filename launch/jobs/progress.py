@@ -7,7 +7,7 @@ from rich.console import Console
 from rich.live import Live
 from rich.table import Table
 
-from launch.jobs.planning import Agent, Job
+from launch.folder.agents import Agent, Job
 
 _SECONDS_BETWEEN_LINES = 15.0  # where the output is a file, not a terminal
 

@@ -11,14 +11,13 @@ import hac_suite
 from analysis.figures.success import write_figure
 from analysis.reading.schema import KEY
 from launch.folder import manifest, results
+from launch.folder.agents import Job
 from launch.folder.layout import RunFolder
-from launch.jobs.local import Failed, Finished, Lost, Started
-from launch.jobs.planning import Job
+from launch.jobs.messages import Failed, Finished, SeedFailed, Started, Tested, Warned, WorkerLost
 from launch.jobs.progress import Board
-from launch.jobs.worker import SeedFailed, Tested, Warned
 
 if TYPE_CHECKING:
-    from launch.jobs import scalars
+    from launch.folder import scalars
 
 _SECONDS_BETWEEN_FIGURES = 20.0
 
@@ -65,7 +64,7 @@ class Recorder:
             self._begin_scalars(task)
 
     def _begin_scalars(self, task: str) -> None:
-        from launch.jobs import scalars  # needs an optional package
+        from launch.folder import scalars  # needs an optional package
 
         with self._warning_of_scalars(task):
             self._scalars[task] = scalars.Scalars(self.folders[task])
@@ -93,7 +92,7 @@ class Recorder:
             self._console.print(f"warning: {job.agent}: {message.text}", soft_wrap=True)
         elif isinstance(message, SeedFailed):
             self._seed_failed(job, message)
-        elif isinstance(message, Lost):
+        elif isinstance(message, WorkerLost):
             self._console.print(
                 f"warning: {job.agent}: lost with its machine ({message.reason})", soft_wrap=True
             )

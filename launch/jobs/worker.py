@@ -14,32 +14,12 @@ import torch
 import hac_suite
 import tasks
 from launch.asking import settings
+from launch.folder.agents import Job
 from launch.folder.layout import POLICY_SUFFIXES, RunFolder
 from launch.jobs import checkpointing
-from launch.jobs.local import Send
-from launch.jobs.planning import Job
+from launch.jobs.messages import SeedFailed, Send, Tested, Warned
 
 _SECONDS_BETWEEN_MESSAGES = 1.0
-
-
-class Tested(NamedTuple):
-    """One test period of the job's seeds: rows of results.csv."""
-
-    period: int
-    rows: list[dict]
-
-
-class Warned(NamedTuple):
-    """What a person should know at once, though the job goes on."""
-
-    text: str
-
-
-class SeedFailed(NamedTuple):
-    """One of the job's seeds cannot go on; the others do."""
-
-    seed: int
-    reason: str
 
 
 class Plan(NamedTuple):
@@ -66,16 +46,12 @@ def train_job(job: Job, send: Send, *, plans: Mapping[str, Plan]) -> None:
     plan = plans[task]
     saver = checkpointing.Saver(
         RunFolder(plan.out, task),
-        checkpointing.Run(job.agent, plan.horizons[subgoal_layers], plan.config),
+        checkpointing.Setup(job.agent, plan.horizons[subgoal_layers], plan.config),
         job.seeds,
         job.start,
         warn=lambda text: send(Warned(text)),
     )
     signal.signal(signal.SIGTERM, saver.stop)
-
-    def lose(lost: hac_suite.Lost) -> None:
-        saver.leave_out(lost.seed)
-        send(SeedFailed(lost.seed, str(lost)))
 
     results = hac_suite.train(
         functools.partial(tasks.load_vector, task),
@@ -84,11 +60,9 @@ def train_job(job: Job, send: Send, *, plans: Mapping[str, Plan]) -> None:
         subgoal_layers=subgoal_layers,
         horizons=plan.horizons[subgoal_layers],
         periods=plan.periods,
-        on_progress=_now_and_then(send),
         device=plan.device,
         start=saver.states(),
-        on_boundary=saver.at_boundary,
-        on_lost=lose,
+        callback=_Reporter(saver, send),
     )
     for result in results:
         rows = [{"task": task, **row} for row in result.rows]
@@ -97,17 +71,25 @@ def train_job(job: Job, send: Send, *, plans: Mapping[str, Plan]) -> None:
         send(Tested(result.period, rows))
 
 
-def _now_and_then(send: Send) -> Send:
-    """Passes on one message a second at most: on a cluster, hundreds of jobs send to one place."""
-    sent = -math.inf
+class _Reporter(hac_suite.Callback):
+    """Passes on what the training tells: to the saver, and to the launch."""
 
-    def pass_on(message: object) -> None:
-        nonlocal sent
-        if time.monotonic() - sent >= _SECONDS_BETWEEN_MESSAGES:
-            sent = time.monotonic()
-            send(message)
+    def __init__(self, saver: checkpointing.Saver, send: Send) -> None:
+        self._saver, self._send = saver, send
+        self._sent = -math.inf
 
-    return pass_on
+    def on_progress(self, progress: hac_suite.Progress) -> None:
+        """One a second at most: on a cluster, hundreds of jobs send to one place."""
+        if time.monotonic() - self._sent >= _SECONDS_BETWEEN_MESSAGES:
+            self._sent = time.monotonic()
+            self._send(progress)
+
+    def on_boundary(self, boundary: hac_suite.Boundary) -> None:
+        self._saver.at_boundary(boundary)
+
+    def on_lost(self, lost: hac_suite.LostSeed) -> None:
+        self._saver.leave_out(lost.seed)
+        self._send(SeedFailed(lost.seed, str(lost)))
 
 
 def _save(job: Job, policies: Sequence[hac_suite.Policy], rows: list[dict], plan: Plan) -> None:

@@ -17,6 +17,7 @@ from PIL import Image, ImageDraw, ImageFont
 import hac_suite
 import tasks
 from analysis import program
+from analysis.reading import paper
 from hac_suite.algorithm import exploration
 from launch.asking import settings
 from launch.pictures import video
@@ -131,9 +132,8 @@ def film_episode(policy: hac_suite.Policy, seed: int, label: str, show: Show) ->
     """Shows every second step of a test episode, and its end for a moment longer."""
     task, config = policy.metadata["task"], _config(policy)
     env = tasks.load_vector(task, 1)
-    layers = policy.subgoal_layers
-    plural = "" if layers == 1 else "s"
-    who = f"{task}   {layers} subgoal layer{plural}   seed {policy.metadata['seed']}   {label}"
+    agent = paper.agent_name(policy.subgoal_layers)
+    who = f"{task}   {agent}   seed {policy.metadata['seed']}   {label}"
 
     def on_step(view: hac_suite.StepView) -> None:
         if view.subgoals:

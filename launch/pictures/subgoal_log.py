@@ -16,7 +16,7 @@ WORDS = {
 }
 
 
-class Subgoal(NamedTuple):
+class LoggedSubgoal(NamedTuple):
     """One subgoal of one episode. Positions are points of the subgoal space, in natural units."""
 
     episode: int  # index within the replay
@@ -30,21 +30,21 @@ class Subgoal(NamedTuple):
     observation: np.ndarray  # [D] when it was proposed
 
 
-class Replay(NamedTuple):
+class Replayed(NamedTuple):
     """N test episodes of a policy, those of its test periods."""
 
     policy: hac_suite.Policy
     stats: hac_suite.EpisodeStats
-    subgoals: list[Subgoal]
+    subgoals: list[LoggedSubgoal]
     path: np.ndarray  # [steps + 1, N, H]; an episode that is over stays where it ended
     goal: np.ndarray  # [N, G]
 
 
 class SubgoalLog:
-    """Takes the `on_step` calls of `hac_suite.run_episodes`; see `Replay` for what it collects."""
+    """Takes the `on_step` calls of `hac_suite.run_episodes`; `Replayed` says what it collects."""
 
     def __init__(self, env: hac_suite.VectorEnv, horizons: tuple[int, ...]):
-        self.subgoals: list[Subgoal] = []
+        self.subgoals: list[LoggedSubgoal] = []
         self.path: list[np.ndarray] = []
         self.goal = np.zeros((env.num_envs, env.goal_space.dim))
         levels = len(horizons) - 1
@@ -76,7 +76,7 @@ class SubgoalLog:
 
     def _keep(self, level: int, i: int, outcome: str, view: hac_suite.StepView) -> None:
         self.subgoals.append(
-            Subgoal(
+            LoggedSubgoal(
                 episode=i,
                 level=level + 1,
                 step=int(self._step[level, i]),
@@ -90,7 +90,7 @@ class SubgoalLog:
         )
 
 
-def replay(policy: hac_suite.Policy, episodes: int) -> Replay:
+def replay(policy: hac_suite.Policy, episodes: int) -> Replayed:
     """Plays the first test episodes of the policy's own seed again.
 
     Raises:
@@ -105,4 +105,4 @@ def replay(policy: hac_suite.Policy, episodes: int) -> Replay:
     log = SubgoalLog(env, policy.horizons)
     stats = hac_suite.run_episodes(env, policy, seeds, config=config, on_step=log.on_step)
     env.close()
-    return Replay(policy, stats, log.subgoals, np.stack(log.path), log.goal)
+    return Replayed(policy, stats, log.subgoals, np.stack(log.path), log.goal)

@@ -12,9 +12,9 @@ from analysis.report.run_report import write_report
 from analysis.statistics.seeds import final_success
 from launch.asking.request import Request
 from launch.folder import policies, results
+from launch.folder.agents import Agent
 from launch.folder.layout import RunFolder
 from launch.jobs.local import StopSignal
-from launch.jobs.planning import Agent
 from launch.pictures import video
 
 

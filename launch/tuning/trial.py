@@ -116,10 +116,6 @@ def _start(
     curve: Curve, train_agent: Train, on_round: Callable[[], None]
 ) -> Iterator[hac_suite.PeriodResult]:
     agent = curve.agent
-
-    def lose(lost: hac_suite.Lost) -> None:
-        curve.lost[lost.seed] = str(lost)
-
     return train_agent(
         functools.partial(tasks.load_vector, agent.task),
         agent.config,
@@ -127,9 +123,21 @@ def _start(
         subgoal_layers=agent.subgoal_layers,
         horizons=agent.horizons,
         periods=agent.periods,
-        on_progress=lambda _: on_round(),
-        on_lost=lose,
+        callback=_Watching(curve, on_round),
     )
+
+
+class _Watching(hac_suite.Callback):
+    """Notes seeds that stopped, and passes on that a round has ended."""
+
+    def __init__(self, curve: Curve, on_round: Callable[[], None]):
+        self._curve, self._on_round = curve, on_round
+
+    def on_progress(self, progress: hac_suite.Progress) -> None:
+        self._on_round()
+
+    def on_lost(self, lost: hac_suite.LostSeed) -> None:
+        self._curve.lost[lost.seed] = str(lost)
 
 
 def as_json(curves: Sequence[Curve]) -> dict[str, dict[str, Any]]:

@@ -11,7 +11,8 @@ from analysis import peers
 
 STEPS, MINUTES = peers.BUDGETS
 # Made by `python -m tests.bench.peers --task=pendulum_climb --agent=td3,sac --settings=ours20
-# --seeds=100-101 --episodes=120 --test_every=30 --minutes=1`.
+# --seeds=100-101 --episodes=120 --test_every=30 --minutes=1`, and with --task=ur5_reacher
+# --agent=td3 --seeds=100-100 --episodes=500 --test_every=100.
 REAL = Path(__file__).parent / "peers_curves"
 
 
@@ -91,16 +92,18 @@ def test_the_command_prints_both_tables_and_draws(data, tmp_path, capsys):
     assert (folder / "peers.png").stat().st_size > 30_000
 
 
-def test_a_real_curve_of_a_task_of_which_we_have_no_results(data, tmp_path, capsys):
+def test_real_curves_of_tasks_of_which_we_have_no_results(data, tmp_path, capsys):
     peers.main([f"--peers={REAL}", f"--data={data}", f"--output={tmp_path}"])
     printed = capsys.readouterr().out
     assert "| pendulum_climb | td3 | ours20 | 2 |" in printed and "after 36,000 |" in printed
-    assert f"{data}: holds no results of ours on pendulum_climb" in printed
+    assert "| ur5_reacher | td3 | ours20 | 1 |" in printed and "| 48% after 88,106 |" in printed
+    for task in ("pendulum_climb", "ur5_reacher"):
+        assert f"{data}: holds no results of ours on {task}" in printed
     figure = peers.draw(peers.load_strangers(REAL))
-    above, below = figure.axes
-    assert (above.get_xlabel(), below.get_xlabel()) == ("steps", "core-minutes")
-    labels = [text.get_text() for text in below.get_legend().get_texts()]
-    assert labels == ["sac ours20, n=2", "td3 ours20, n=2"]
+    above, _, climb, reacher = figure.axes
+    assert (above.get_xlabel(), climb.get_xlabel()) == ("steps", "core-minutes")
+    labels = [[text.get_text() for text in ax.get_legend().get_texts()] for ax in (climb, reacher)]
+    assert labels == [["sac ours20, n=2", "td3 ours20, n=2"], ["td3 ours20, n=1"]]
 
 
 def test_without_curves_the_command_says_what_makes_some(data, tmp_path, capsys):

@@ -11,7 +11,8 @@ from typing import Any, NamedTuple
 
 import hac_suite
 import tasks
-from launch.jobs.planning import Agent, Group, Job, makespan, plan
+from launch.folder.agents import Agent, Job
+from launch.jobs.planning import Group, makespan, plan
 from tests.bench.population import TASK, Training
 from tests.bench.repeats import entry, rounded, summary
 from tests.bench.team import Team, held_memory

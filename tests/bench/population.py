@@ -7,7 +7,8 @@ from typing import Any, cast
 import hac_suite
 import tasks
 from hac_suite.learning.ddpg import DDPG
-from hac_suite.training.loop import PeriodResult, _Training
+from hac_suite.training.loop import PeriodResult
+from hac_suite.training.loop import Training as Loop
 from tests.bench.work import Meter, Work, whole_horizon
 
 TASK = "pick_place"  # where a measurement is of one task
@@ -39,15 +40,15 @@ class Training:
         env = tasks.load_vector(task, 1)
         self.max_steps = env.max_steps
         horizons = hac_suite.horizons(self.max_steps, subgoal_layers, env.horizons)
-        self._training = _Training(make_env, config, tuple(seeds), horizons, "cpu")
+        self._training = Loop(make_env, config, tuple(seeds), horizons, "cpu")
         self.config = config
         self.episodes = 0
         self._meter = Meter()
         self._watch()
 
     def _watch(self) -> None:
-        population, meter = self._training._population, self._meter
-        meter.watch(self._training._env)
+        population, meter = self._training.population, self._meter
+        meter.watch(self._training.env)
         exploring = population.exploring_actors
 
         def timed_actors() -> list:
@@ -58,19 +59,19 @@ class Training:
 
     @property
     def learners(self) -> list[DDPG]:
-        return cast(list[DDPG], self._training._population.learners)
+        return cast(list[DDPG], self._training.population.learners)
 
     def round(self) -> Work:
         """A round of episodes and updates of every seed."""
         before = self._updates()
-        work = self._meter.measure(self._training._train_round)
+        work = self._meter.measure(self._training.train_round)
         self.episodes += self.config.episodes_per_round
         return work._replace(updates=self._updates() - before)
 
     def learn(self) -> Work:
         """A round's updates without its episodes."""
         before = self._updates()
-        work = self._meter.measure(self._training._population.learn)
+        work = self._meter.measure(self._training.population.learn)
         return work._replace(updates=self._updates() - before)
 
     def _updates(self) -> int:
@@ -80,19 +81,19 @@ class Training:
     def test(self) -> tuple[float, PeriodResult]:
         """A test period of every seed, and its seconds."""
         start = time.perf_counter()
-        result = self._training._test(1)
+        result = self._training.test(1)
         return time.perf_counter() - start, result
 
     def rows_after(self, episodes: int) -> list[int]:
         """Per level: about how many rows a seed's replay buffer gets in so many episodes."""
         return [
             int(replay.sizes.mean() / self.episodes * episodes)
-            for replay in self._training._population.replays
+            for replay in self._training.population.replays
         ]
 
     def fill(self, rows: Sequence[int]) -> None:
         """Plays a round, and stores it again until each buffer of level i holds rows[i]."""
-        replays = self._training._population.replays
+        replays = self._training.population.replays
         stored: list[list[tuple]] = [[] for _ in replays]
         for replay, calls in zip(replays, stored, strict=True):
             replay.add = _recorded(replay.add, calls)  # type: ignore[method-assign]

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from launch.jobs.planning import Agent, Job
+from launch.folder.agents import Agent, Job
 from tests.bench import limits, panel
 from tests.bench.repeats import entry, summary
 from tests.bench.team import Team

@@ -125,9 +125,9 @@ def test_the_test_episodes_are_those_of_our_agents(monkeypatch):
     monkeypatch.undo()
     config = dataclasses.replace(PAPER, test_episodes=5)
     make = lambda n: tasks.load_vector(TASK, n)  # noqa: E731
-    ours = loop._Training(make, config, (104,), (make(1).max_steps,), "cpu")
+    ours = loop.Training(make, config, (104,), (make(1).max_steps,), "cpu")
     tests = training.Tests(TASK, 104, 5)
-    np.testing.assert_array_equal(tests.seeds, ours._test_seeds)
+    np.testing.assert_array_equal(tests.seeds, ours.test_seeds)
     assert len(training.Tests(TASK, 104).seeds) == 64
 
 

@@ -89,7 +89,7 @@ def test_buffers_are_filled_with_what_rounds_store():
     training.round()
     assert training.rows_after(2 * training.episodes) >= [1, 1]
     training.fill([4000, 10**9])
-    replays = training._training._population.replays
+    replays = training._training.population.replays
     assert replays[0].sizes.min() >= 4000
     assert list(replays[1].sizes) == [CONFIG.replay_capacity] * len(SEEDS)
     assert "add" not in vars(replays[0])

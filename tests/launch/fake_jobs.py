@@ -9,9 +9,9 @@ from pathlib import Path
 
 import hac_suite
 from analysis.reading.schema import LEVEL_FIELDS, level_column
+from launch.folder.agents import Job
 from launch.folder.layout import POLICY_SUFFIXES, RunFolder
-from launch.jobs.planning import Job
-from launch.jobs.worker import Tested
+from launch.jobs.messages import Tested
 
 
 def report_seeds(job: Job, send) -> None:
@@ -74,7 +74,7 @@ def train(job: Job, send, *, plans) -> None:
         send(Tested(period, [row(job, seed, period) for seed in job.seeds]))
         if kill.exists() and kill.read_text() == str(period):
             os.kill(os.getpid(), signal.SIGKILL)
-        send(hac_suite.Progress(4 * period, 4 * plan.periods, 0.25))
+        send(hac_suite.Progress(4 * period, 0.25))
 
 
 def train_for_ever(job: Job, send, *, plans) -> None:

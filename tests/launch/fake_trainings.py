@@ -23,14 +23,14 @@ def burn(seconds: float) -> None:
 
 
 def quick(
-    _make_env, config, seeds, *, subgoal_layers, horizons, periods, on_progress, on_lost
+    _make_env, config, seeds, *, subgoal_layers, horizons, periods, callback
 ) -> Iterator[hac_suite.PeriodResult]:
     """Success rises to the config's `quality` over the periods; a round takes 10 ms."""
     assert len(horizons) == subgoal_layers + 1
     for period in range(periods + 1):
         for number in range(ROUNDS if period else 0):
             burn(0.01)
-            on_progress(hac_suite.Progress(ROUNDS * (period - 1) + number, 0, 0.0))
+            callback.on_progress(hac_suite.Progress(ROUNDS * (period - 1) + number, 0.0))
         yield result(period, seeds, quality(config) * period / periods)
 
 
@@ -40,7 +40,7 @@ def result(period: int, seeds: Sequence[int], success: float) -> hac_suite.Perio
 
 
 def endless(
-    _make_env, config, seeds, *, subgoal_layers, horizons, periods, on_progress, on_lost
+    _make_env, config, seeds, *, subgoal_layers, horizons, periods, callback
 ) -> Iterator[hac_suite.PeriodResult]:
     """As `quick`, but its second period never ends."""
     yield result(0, seeds, 0.0)
@@ -48,7 +48,7 @@ def endless(
     yield result(1, seeds, 0.5)
     while True:
         burn(0.01)
-        on_progress(hac_suite.Progress(0, 0, 0.0))
+        callback.on_progress(hac_suite.Progress(0, 0.0))
 
 
 def raises(*_, **__) -> Iterator[hac_suite.PeriodResult]:

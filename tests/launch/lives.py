@@ -25,7 +25,7 @@ from launch.asking import request
 from launch.folder import manifest
 from launch.folder.layout import RunFolder
 from launch.jobs import checkpointing, recorder
-from launch.jobs.local import Finished, Started
+from launch.jobs.messages import Finished, Started
 from launch.pictures import summary
 from tests.hac_suite.tiny_envs import PointEnv
 
@@ -65,11 +65,11 @@ def in_one_process(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(manifest, "commit", lambda: None)
 
 
-def _execute(jobs, work, *, on_message, **_) -> None:
+def _execute(jobs, work, hooks, **_) -> None:
     for job in jobs:
-        on_message(job, Started())
-        work(job, functools.partial(on_message, job))
-        on_message(job, Finished(0.0))
+        hooks.on_message(job, Started())
+        work(job, functools.partial(hooks.on_message, job))
+        hooks.on_message(job, Finished(0.0))
 
 
 def live(

@@ -16,9 +16,9 @@ from analysis.reading.results import load
 from launch import experiment
 from launch.asking import request
 from launch.folder import manifest
+from launch.folder.agents import Agent, Job
 from launch.folder.layout import RunFolder
-from launch.jobs import worker
-from launch.jobs.planning import Agent, Job
+from launch.jobs import messages
 from launch.jobs.progress import Board
 from launch.jobs.recorder import Recorder
 from launch.pictures import video
@@ -164,7 +164,7 @@ def test_a_skipped_refresh_of_the_figure_is_made_up_for(tmp_path, monkeypatch):
         with Board([job], 8, Console(file=io.StringIO())) as board:
             for period in range(3):
                 rows = [fake_jobs.row(job, 0, period)]
-                recorder.receive(board, job, worker.Tested(period, rows))
+                recorder.receive(board, job, messages.Tested(period, rows))
                 recorder.tick()
     assert len(drawn) == 1  # a burst
     clock[0] += 100

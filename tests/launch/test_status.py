@@ -97,7 +97,7 @@ def test_a_running_experiment_and_the_same_one_killed(tmp_path, capsys):
         while not results.read(folder.results)[0]:
             assert process.poll() is None and time.monotonic() < deadline
             time.sleep(0.2)
-        queued = folder.checkpoint(0, 1)  # begun in an earlier launch, as it were
+        queued = folder.checkpoints_of(0, 1)  # begun in an earlier launch, as it were
         queued.mkdir(parents=True)
         (queued / "000000300.json").write_text("{}")
         state = folder_states.read(folder.path)
@@ -127,7 +127,7 @@ def folder_with(out: Path, measured: dict[tuple[int, int], list[float]], workers
     folder.manifest.write_text(json.dumps({**text, **latest}))
     rows = []
     for (layers, seed), seconds in measured.items():
-        job = experiment.planning.Job(experiment.planning.Agent(TASK, layers), (seed,))
+        job = experiment.agents.Job(experiment.agents.Agent(TASK, layers), (seed,))
         rows += [
             {**fake_jobs.row(job, seed, period), "wall_seconds": wall}
             for period, wall in enumerate(seconds)
@@ -156,7 +156,7 @@ def test_the_time_left(tmp_path, measured, workers, left):
 
 def test_a_checkpoint_is_where_a_stopped_run_goes_on_from(tmp_path, capsys):
     path = folder_with(tmp_path, {(0, 0): [1.0, 20]}, 1)
-    checkpoints = RunFolder(tmp_path, TASK).checkpoint(0, 0)
+    checkpoints = RunFolder(tmp_path, TASK).checkpoints_of(0, 0)
     checkpoints.mkdir(parents=True)
     for episodes in (300, 450):
         (checkpoints / f"{episodes:09d}.json").write_text("{}")

@@ -232,10 +232,10 @@ def test_tasks_count_alike_and_are_trained_side_by_side(tmp_path, capsys):
 
 
 def test_lost_seeds_count_as_failures(tmp_path):
-    def loses(_make_env, config, seeds, *, on_lost, **_):
+    def loses(_make_env, config, seeds, *, callback, **_):
         yield fake_trainings.result(0, seeds, 1.0)
         fake_trainings.burn(0.01)
-        on_lost(hac_suite.Lost(101, 0, 20, 4))
+        callback.on_lost(hac_suite.LostSeed(101, 0, 20, 4))
         yield fake_trainings.result(1, seeds[:1], 1.0)
 
     assert tune.main(words(tmp_path, seconds=0.3), train=loses) == 0

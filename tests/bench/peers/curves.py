@@ -9,7 +9,7 @@ from analysis.peers import COLUMNS, load_curve
 from analysis.reading.files import write_atomically
 
 TASK = "ur5_reacher"
-MINUTES = 0.5  # of each run of the benchmark
+MINUTES = 0.25  # core-minutes of each run of the benchmark
 
 
 class Run(NamedTuple):
@@ -68,7 +68,7 @@ def write(path: Path, rows: Sequence[dict[str, Any]]) -> None:
 
 
 def peers(say: Callable[[str], None]) -> dict[str, Any]:
-    """What each stranger comes to in half a core-minute; no curve is written."""
+    """What each stranger comes to in a few core-seconds; no curve is written."""
     from tests.bench.peers.training import train  # in [dev] only
 
     report = {}

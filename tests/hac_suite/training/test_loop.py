@@ -10,6 +10,7 @@ from hac_suite.config import PAPER, horizons
 from hac_suite.learning import learners
 from hac_suite.policy import Policy
 from hac_suite.training import loop
+from hac_suite.training.callback import Callback
 from tests.hac_suite.tiny_envs import PointEnv
 
 SMALL = dataclasses.replace(
@@ -151,10 +152,16 @@ def test_every_agent_and_period_of_a_seed_is_tested_on_the_same_episodes():
 
 def test_progress_is_reported_each_round():
     seen = []
-    arguments = dict(subgoal_layers=0, horizons=(20,), periods=1)
-    list(loop.train(make_env, FAST, [0], on_progress=seen.append, **arguments))
-    assert [p.train_episodes for p in seen] == [4, 8]
-    assert {p.total_episodes for p in seen} == {8}
+
+    class Watching(Callback):
+        def on_progress(self, progress):
+            seen.append(progress)
+
+    arguments = dict(subgoal_layers=0, horizons=(20,), periods=2)
+    for result in loop.train(make_env, FAST, [0], callback=Watching(), **arguments):
+        last = result.rows[0]["success_rate"]
+        assert {p.success_rate for p in seen[2 * result.period :]} <= {last}
+    assert [p.train_episodes for p in seen] == [4, 8, 12, 16]
 
 
 def test_a_learner_that_no_gpu_can_take_is_refused_there():

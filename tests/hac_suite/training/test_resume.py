@@ -12,6 +12,7 @@ from hac_suite import checkpoint
 from hac_suite.config import PAPER, horizons
 from hac_suite.state import SeedState
 from hac_suite.training import loop
+from hac_suite.training.callback import Boundary, Callback
 from tests.hac_suite.tiny_envs import PointEnv
 
 # Small rings, so that they are full and turning when a training is interrupted.
@@ -42,10 +43,10 @@ def train(layers, periods=2, seeds=SEEDS, make_env=make_env, config=TINY, max_st
     """Every row of a training, and the state it ended with."""
     attempts = horizons(max_steps, layers)
     with torch.no_grad():
-        work = loop._Training(make_env, config, tuple(seeds), attempts, "cpu")
+        work = loop.Training(make_env, config, tuple(seeds), attempts, "cpu")
         if others.get("start"):
             work.restore(others["start"])
-        results = list(work.run(periods, None, others.get("on_boundary")))
+        results = list(work.run(periods, others.get("callback", Callback())))
     return results, [kept(state) for state in work.states()]
 
 
@@ -65,17 +66,34 @@ def through_files(states, folder) -> list[SeedState]:
 
 def stopped_at(number: int, folder, layers, **others) -> list[SeedState]:
     """The checkpoints that a training leaves at its boundary of that number, where it is killed."""
-    left = []
+    killing = Killing(number, folder)
+    with pytest.raises(Stopped):
+        train(layers, callback=killing, **others)
+    return killing.left
 
-    def on_boundary(boundary):
-        left.append(boundary.train_episodes)
-        if len(left) > number:
-            left[:] = through_files(boundary.states(), folder)
+
+class Killing(Callback):
+    """Leaves checkpoints at the boundary of a number, and kills the training there."""
+
+    def __init__(self, number: int, folder):
+        self.seen, self.left = 0, []
+        self._number, self._folder = number, folder
+
+    def on_boundary(self, boundary: Boundary) -> None:
+        self.seen += 1
+        if self.seen > self._number:
+            self.left = through_files(boundary.states(), self._folder)
             raise Stopped
 
-    with pytest.raises(Stopped):
-        train(layers, on_boundary=on_boundary, **others)
-    return left
+
+class Boundaries(Callback):
+    """Keeps every boundary."""
+
+    def __init__(self):
+        self.seen: list[Boundary] = []
+
+    def on_boundary(self, boundary: Boundary) -> None:
+        self.seen.append(boundary)
 
 
 def assert_same_states(ours: SeedState, theirs: SeedState) -> None:
@@ -94,8 +112,9 @@ def without_clock(numbers: dict) -> dict:
 @BOTH
 def test_resumed_at_any_boundary_equals_uninterrupted(config, layers, tmp_path):
     """Networks, optimisers, replay, streams, counts and rows; the last policies with the rows."""
-    boundaries: list[loop.Boundary] = []
-    whole, last = train(layers, config=config, on_boundary=boundaries.append)
+    kept_boundaries = Boundaries()
+    whole, last = train(layers, config=config, callback=kept_boundaries)
+    boundaries = kept_boundaries.seen
     assert [(b.train_episodes, b.tested) for b in boundaries] == [
         (0, True), (4, False), (8, False), (12, True), (16, False), (20, False)
     ]  # fmt: skip
@@ -160,10 +179,10 @@ def test_seeds_of_one_checkpoint_stand_at_one_time(tmp_path):
 def test_restoring_leaves_all_memory_in_place(config, tmp_path):
     """Views of some of the seeds, and captured graphs, point at it."""
     start = stopped_at(3, tmp_path, 1, config=config)
-    work = loop._Training(make_env, config, SEEDS, horizons(20, 1), "cpu")
+    work = loop.Training(make_env, config, SEEDS, horizons(20, 1), "cpu")
 
     def addresses():
-        return [t.data_ptr() for i in range(3) for t in work._population._tensors(i).values()]
+        return [t.data_ptr() for i in range(3) for t in work.population._tensors(i).values()]
 
     before = addresses()
     work.restore(start)

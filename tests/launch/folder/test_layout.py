@@ -15,9 +15,9 @@ from analysis.reading import schema
 from analysis.reading.schema import RESULTS_COLUMNS
 from analysis.report.run_report import write_report
 from launch.folder import manifest, results
+from launch.folder.agents import Agent, Job
 from launch.folder.layout import RunFolder
 from launch.jobs import worker
-from launch.jobs.planning import Agent, Job
 from tests.launch import fake_jobs
 
 AGENT = Agent("pick_place", 1)

@@ -14,9 +14,9 @@ import hac_suite
 from hac_suite import checkpoint
 from launch.asking import settings
 from launch.folder import manifest, results
+from launch.folder.agents import Agent
 from launch.folder.layout import RunFolder
 from launch.jobs import checkpointing
-from launch.jobs.planning import Agent
 from tests.launch.lives import TASK, live, outcome, standings, tiny, tiny_task
 
 __all__ = ["tiny"]
@@ -76,7 +76,7 @@ def spoil(file: Path) -> None:
 @pytest.mark.parametrize("suffix", ["json", "safetensors"])
 def test_a_damaged_checkpoint_costs_a_few_rounds_and_a_warning(tmp_path, whole, suffix):
     folder = interrupted(tmp_path / "here")
-    damaged = folder.checkpoint(1, 0) / f"000000020.{suffix}"
+    damaged = folder.checkpoints_of(1, 0) / f"000000020.{suffix}"
     spoil(damaged)
     status, printed = live(tmp_path / "here", *WORDS)
     assert status == 0
@@ -88,7 +88,7 @@ def test_a_damaged_checkpoint_costs_a_few_rounds_and_a_warning(tmp_path, whole, 
 
 def test_with_both_damaged_a_seed_starts_again_and_the_others_are_untouched(tmp_path, whole):
     folder = interrupted(tmp_path / "here")
-    for file in folder.checkpoint(1, 0).glob("*.safetensors"):
+    for file in folder.checkpoints_of(1, 0).glob("*.safetensors"):
         spoil(file)
     status, printed = live(tmp_path / "here", *WORDS)
     assert status == 0 and printed.count("is damaged") == 2
@@ -103,7 +103,7 @@ def test_finished_runs_are_kept_whatever_becomes_of_checkpoints(tmp_path, whole)
     before = outcome(out)
     status, _ = live(out, *WORDS, first=dying_at(20))  # seed 1, alone
     assert status == -signal.SIGKILL and standings(out) == {NAMES[1]: 20}
-    for file in RunFolder(out, TASK).checkpoint(1, 1).iterdir():
+    for file in RunFolder(out, TASK).checkpoints_of(1, 1).iterdir():
         file.write_bytes(b"")
     status, printed = live(out, *WORDS)
     assert status == 0 and "1 of 2 seeds are finished already" in printed
@@ -124,8 +124,8 @@ def test_rows_come_from_the_checkpoint(tmp_path, whole):
 
 def test_a_checkpoint_of_another_run_is_refused(tmp_path, tiny):
     folder = interrupted(tmp_path / "here")
-    shutil.rmtree(folder.checkpoint(1, 1))
-    shutil.copytree(folder.checkpoint(1, 0), folder.checkpoint(1, 1))
+    shutil.rmtree(folder.checkpoints_of(1, 1))
+    shutil.copytree(folder.checkpoints_of(1, 0), folder.checkpoints_of(1, 1))
     before = {file: file.read_bytes() for file in folder.path.rglob("*.*") if file.is_file()}
     status, printed = live(tmp_path / "here", *WORDS)
     assert status == 2
@@ -144,7 +144,7 @@ def test_a_checkpoint_of_another_run_is_refused(tmp_path, tiny):
 def test_rows_of_a_crafted_checkpoint_never_reach_results(tmp_path, tiny, interrupted_once, spoilt):
     shutil.copytree(interrupted_once, tmp_path / "here")
     folder = RunFolder(tmp_path / "here", TASK)
-    file = folder.checkpoint(1, 0) / "000000020.json"
+    file = folder.checkpoints_of(1, 0) / "000000020.json"
     description = json.loads(file.read_text())
     rows = description["numbers"]["rows"]
     crafted = [{**row, **spoilt} for row in rows] if isinstance(spoilt, dict) else spoilt
@@ -249,7 +249,7 @@ def test_a_signal_saves_at_the_next_boundary_though_nothing_is_due(tmp_path, who
     assert outcome(out) == whole
 
 
-RUN_OF = checkpointing.Run(Agent(TASK, 0), (300,), hac_suite.PRESETS["paper"])
+SETUP = checkpointing.Setup(Agent(TASK, 0), (300,), hac_suite.PRESETS["paper"])
 
 
 class Clock:
@@ -274,7 +274,7 @@ def test_saving_takes_less_than_a_twentieth_of_the_time(
     tmp_path, monkeypatch, cost, seconds, every
 ):
     clock = Clock(monkeypatch, cost)
-    saver = checkpointing.Saver(RunFolder(tmp_path, TASK), RUN_OF, [0], 0, warn=print)
+    saver = checkpointing.Saver(RunFolder(tmp_path, TASK), SETUP, [0], 0, warn=print)
     for number in range(1, 601):
         clock.now += seconds
         tested = number % 30 == 0
@@ -287,13 +287,13 @@ def test_saving_takes_less_than_a_twentieth_of_the_time(
 
 def test_untrained_agents_are_not_saved(tmp_path, monkeypatch):
     clock = Clock(monkeypatch, 0.0)
-    saver = checkpointing.Saver(RunFolder(tmp_path, TASK), RUN_OF, [0], 0, warn=print)
+    saver = checkpointing.Saver(RunFolder(tmp_path, TASK), SETUP, [0], 0, warn=print)
     clock.now += 1000
     saver.at_boundary(hac_suite.Boundary(0, True, lambda: iter(())))
     assert not clock.saves
 
 
 def test_what_a_checkpoint_says_of_itself_is_json():
-    about = RUN_OF.about(3)
+    about = SETUP.about(3)
     assert json.loads(json.dumps(about)) == about
-    assert about["config"] == settings.as_json(RUN_OF.config) and not math.isnan(about["seed"])
+    assert about["config"] == settings.as_json(SETUP.config) and not math.isnan(about["seed"])

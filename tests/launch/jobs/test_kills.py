@@ -12,9 +12,9 @@ from typing import NamedTuple
 import pytest
 
 from launch.folder import results
+from launch.folder.agents import Agent, Job
 from launch.folder.layout import RunFolder
-from launch.jobs import local
-from launch.jobs.planning import Agent, Job
+from launch.jobs import local, messages
 from tests.launch import fake_jobs
 from tests.launch.lives import TASK, in_one_process, live, outcome, standings, tiny
 
@@ -72,7 +72,7 @@ def finished(out: Path) -> dict[str, int]:
     rows = [(row["subgoal_layers"], row["seed"]) for row in results.read(folder.results)[0]]
     for run in {(layer, seed) for layer in range(3) for seed in range(3)}:
         if folder.has_policy(*run) and rows.count((str(run[0]), str(run[1]))) == 4:
-            found[folder.checkpoint(*run).name] = 36
+            found[folder.checkpoints_of(*run).name] = 36
     return found
 
 
@@ -139,10 +139,11 @@ def test_a_worker_dies_with_its_launch_whatever_it_is_at(tmp_path):
             local.execute(
                 [Job(Agent("hangs", 0), (0,))],
                 fake_jobs.fail_by_name,
+                messages.Hooks(
+                    log=lambda job: tmp_path / "log",
+                    on_message=lambda job, message: message == "started" and os.write(writer, b"1"),
+                ),
                 workers=1,
-                log=lambda job: tmp_path / "log",
-                on_message=lambda job, message: message == "started" and os.write(writer, b"1"),
-                on_poll=lambda: None,
                 stop=local.StopSignal(),
             )
         finally:

@@ -11,8 +11,9 @@ from pathlib import Path
 
 import pytest
 
-from launch.jobs.local import Failed, Finished, Started, StopSignal, execute
-from launch.jobs.planning import Agent, Job
+from launch.folder.agents import Agent, Job
+from launch.jobs.local import StopSignal, execute
+from launch.jobs.messages import Failed, Finished, Hooks, Started
 from tests.launch import fake_jobs
 
 
@@ -22,10 +23,11 @@ def run(tmp_path, jobs, work, workers=2, stop=None):
     execute(
         jobs,
         work,
+        Hooks(
+            log=lambda job: tmp_path / f"{job.name}.log",
+            on_message=lambda job, message: messages[job].append(message),
+        ),
         workers=workers,
-        log=lambda job: tmp_path / f"{job.name}.log",
-        on_message=lambda job, message: messages[job].append(message),
-        on_poll=lambda: None,
         stop=stop or StopSignal(),
     )
     return messages
@@ -78,12 +80,14 @@ def test_a_second_signal_quits_at_once(tmp_path):
     """The first waits for workers to save, and this one takes a minute to."""
     script = (
         "import pathlib, sys; from launch.jobs.local import StopSignal, execute\n"
-        "from launch.jobs.planning import Agent, Job; from tests.launch import fake_jobs\n"
+        "from launch.jobs.messages import Hooks\n"
+        "from launch.folder.agents import Agent, Job; from tests.launch import fake_jobs\n"
         "if __name__ == '__main__':\n"
         "    with StopSignal() as stop:\n"
-        "        execute([Job(Agent('saves', 0), (0,))], fake_jobs.save_for_ever, workers=1,\n"
-        "                log=lambda job: pathlib.Path(sys.argv[1]), stop=stop,\n"
-        "                on_message=lambda _, m: print(m, flush=True), on_poll=lambda: None)\n"
+        "        hooks = Hooks(lambda job: pathlib.Path(sys.argv[1]),\n"
+        "                      lambda _, m: print(m, flush=True))\n"
+        "        execute([Job(Agent('saves', 0), (0,))], fake_jobs.save_for_ever, hooks,\n"
+        "                workers=1, stop=stop)\n"
     )
     (tmp_path / "launch_one.py").write_text(script)
     words = [sys.executable, str(tmp_path / "launch_one.py"), str(tmp_path / "log")]

@@ -11,10 +11,10 @@ from analysis.reading.results import load
 from hac_suite import checkpoint
 from hac_suite.state import SeedState
 from launch.folder import manifest, results
+from launch.folder.agents import Agent, Job
 from launch.folder.layout import RunFolder
-from launch.jobs import checkpointing, lost_jobs, worker
-from launch.jobs.local import Lost
-from launch.jobs.planning import Agent, Job
+from launch.jobs import checkpointing, lost_jobs, messages, worker
+from launch.jobs.messages import WorkerLost
 from launch.jobs.progress import Board
 from launch.jobs.recorder import Recorder
 from tests.launch import fake_jobs
@@ -46,8 +46,8 @@ def rows(seed: int, periods: int) -> list[dict]:
 
 def save(folder: RunFolder, seed: int, *episodes: int) -> None:
     """Checkpoints of a seed, a test period every 4 episodes."""
-    about = checkpointing.Run(AGENT, HORIZONS, CONFIG).about(seed)
-    writer = checkpoint.Writer([folder.checkpoint(1, seed)], [about])
+    about = checkpointing.Setup(AGENT, HORIZONS, CONFIG).about(seed)
+    writer = checkpoint.Writer([folder.checkpoints_of(1, seed)], [about])
     for count in episodes:
         own = [
             {name: value for name, value in row.items() if name != "task"}
@@ -79,14 +79,14 @@ def test_rows_that_only_checkpoints_have_are_recorded_and_none_is_recorded_twice
 
         def tested(period: int) -> None:
             own = [fake_jobs.row(JOB, seed, period) for seed in JOB.seeds]
-            recorder.receive(board, JOB, worker.Tested(period, own))
+            recorder.receive(board, JOB, messages.Tested(period, own))
 
         tested(0)
         for seed in JOB.seeds:
             save(folder, seed, 4, 8)
         assert again(folder, recorder).start == 8  # the rows of periods 1 and 2 never came
         assert load(folder.path)["period"].tolist() == [0, 1, 2] * 2
-        recorder.receive(board, JOB, Lost("its machine died"))
+        recorder.receive(board, JOB, WorkerLost("its machine died"))
         for period in (1, 2, 3):  # it repeats some, as if it had begun from nothing
             tested(period)
     assert load(folder.path)["period"].tolist() == [0, 1, 2, 3] * 2  # load refuses doubled rows

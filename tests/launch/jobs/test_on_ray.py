@@ -15,9 +15,10 @@ import psutil
 import pytest
 
 from analysis.program import CommandError
+from launch.folder.agents import Agent, Job
 from launch.jobs import on_ray
-from launch.jobs.local import Failed, Finished, Lost, Started, StopSignal
-from launch.jobs.planning import Agent, Job
+from launch.jobs.local import StopSignal
+from launch.jobs.messages import Failed, Finished, Hooks, Started, WorkerLost
 from tests.launch import fake_jobs
 
 RUN = Path(__file__).resolve().parents[3] / "launch" / "run.py"
@@ -35,10 +36,7 @@ def run(cluster, tmp_path, jobs, work, *, again=None, stop=None, on_message=None
     cluster.execute(
         jobs,
         work,
-        workers=cluster.workers,
-        log=lambda job: tmp_path / f"{job.name}.log",
-        on_message=receive,
-        on_poll=lambda: None,
+        Hooks(log=lambda job: tmp_path / f"{job.name}.log", on_message=receive),
         stop=stop or StopSignal(),
         again=again or (lambda job: job),
     )
@@ -105,9 +103,9 @@ def test_a_job_lost_with_its_ray_process_begins_again_where_it_is_told_to(own, t
     work = fake_jobs.kill_ray_process_at_start
     messages = run(own, tmp_path, [job], work, again=lambda job: job._replace(start=300))
     kinds = [type(message).__name__ for message in messages[job]]
-    assert kinds == ["Started", "int", "Lost", "Started", "int", "Finished"]
+    assert kinds == ["Started", "int", "WorkerLost", "Started", "int", "Finished"]
     assert [message for message in messages[job] if isinstance(message, int)] == [0, 300]
-    (lost,) = [message for message in messages[job] if isinstance(message, Lost)]
+    (lost,) = [message for message in messages[job] if isinstance(message, WorkerLost)]
     assert lost.reason == "WorkerCrashedError; goes on elsewhere from episode 300"
 
 
@@ -124,7 +122,7 @@ def test_a_lost_job_whose_checkpoints_cannot_be_used_fails_with_that_reason(own,
 def test_a_job_that_is_lost_every_time_fails_in_the_end(own, tmp_path):
     job = Job(Agent("always", 0), (0,))
     messages = run(own, tmp_path, [job], fake_jobs.kill_ray_process_at_start)[job]
-    lost = [message for message in messages if isinstance(message, Lost)]
+    lost = [message for message in messages if isinstance(message, WorkerLost)]
     assert len(lost) == on_ray.MOST_LOSSES
     assert isinstance(messages[-1], Failed) and "lost 4 times" in messages[-1].reason
     assert (tmp_path / f"{job.name}.log").exists()  # to be kept as the failure's file

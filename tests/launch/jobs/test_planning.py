@@ -4,7 +4,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from launch.jobs.planning import Agent, Group, makespan, plan
+from launch.folder.agents import Agent
+from launch.jobs.planning import Group, makespan, plan
 
 
 def test_the_main_job_fills_two_workers_evenly():

@@ -5,8 +5,8 @@ import io
 import pytest
 from rich.console import Console
 
+from launch.folder.agents import Agent, Job
 from launch.jobs import progress
-from launch.jobs.planning import Agent, Job
 
 FIRST = Job(Agent("ur5_reacher", 1), (0, 1, 2))
 SECOND = Job(Agent("ur5_reacher", 1), (3,))

@@ -2,6 +2,7 @@
 
 import os
 import re
+from pathlib import Path
 
 import optuna
 import pytest
@@ -57,7 +58,9 @@ def test_a_process_that_died_and_was_not_looked_at_is_dead(path):
     child = os.fork()
     if not child:
         os._exit(0)
-    rewrite(path, r'"pid":\d+', f'"pid":{child}')
+    os.waitid(os.P_PID, child, os.WEXITED | os.WNOWAIT)
+    started = Path(f"/proc/{child}/stat").read_text().split()[21]
+    rewrite(path, r'"pid":\d+,"started":"\d+"', f'"pid":{child},"started":"{started}"')
     assert claim(path) == (1, [0])
     os.waitpid(child, 0)
 

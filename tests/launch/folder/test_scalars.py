@@ -10,7 +10,7 @@ from launch import experiment
 from launch.asking import request
 from launch.folder import results
 from launch.folder.layout import RunFolder
-from launch.jobs.scalars import Scalars
+from launch.folder.scalars import Scalars
 from tests.launch import fake_jobs
 
 TASK = "pendulum_climb"
@@ -56,7 +56,7 @@ def test_the_diagnostics_of_each_level_are_there(tmp_path):
     folder = RunFolder(tmp_path, TASK)
     with folder.lock():
         folder.prepare({})
-    job = experiment.planning.Job(experiment.planning.Agent(TASK, 1), (0,))
+    job = experiment.agents.Job(experiment.agents.Agent(TASK, 1), (0,))
     rows = [
         {**fake_jobs.row(job, 0, period), "level0_q_mean": -2.5 * period, "level1_tested": 0.25}
         for period in (0, 1)
@@ -73,7 +73,7 @@ def test_curves_that_cannot_be_written_do_not_harm_training(tmp_path, capsys, mo
     def full(*_):
         raise OSError("No space left on device")
 
-    monkeypatch.setattr("launch.jobs.scalars.SummaryWriter.add_scalar", full)
+    monkeypatch.setattr("launch.folder.scalars.SummaryWriter.add_scalar", full)
     assert launch(tmp_path, "--periods=1", "--tensorboard") == 0
     assert capsys.readouterr().out.count("no more curves for TensorBoard: No space left") == 1
     assert len(load(tmp_path / TASK)) == 4
