@@ -3,11 +3,14 @@ PYTHON ?= python3
 TASK ?= pick_place
 SEEDS ?= 10
 ARGS ?=
+# Tests run on all cores; PARALLEL= runs one after another.
+PARALLEL ?= -n logical --maxprocesses 8 --dist worksteal
 
 BIN := .venv/bin
 STAMP := .venv/.stamp
+DOCS_STAMP := .venv/.stamp-docs
 
-.PHONY: help setup run demo test test-all lint bench doctor
+.PHONY: help setup run demo test test-all lint bench doctor docs
 
 help:
 	@echo "make run [TASK=pick_place] [SEEDS=10] [ARGS=...]   train, then draw curves and videos (TASK=all: all five)"
@@ -15,6 +18,7 @@ help:
 	@echo "make test      the quick tests;  make test-all: the slow ones as well"
 	@echo "make lint      ruff and mypy;    make bench: speed against peers and limits (15 minutes)"
 	@echo "make doctor    what this machine can do, and how to mend what it cannot"
+	@echo "make docs      the documentation as web pages: build/docs/index.html"
 
 setup: $(STAMP)
 
@@ -37,11 +41,11 @@ demo: $(STAMP)
 
 test: $(STAMP)
 	@echo "==> test: the quick tests"
-	$(BIN)/python -m pytest -m "not slow" $(ARGS)
+	$(BIN)/python -m pytest -m "not slow" $(PARALLEL) $(ARGS)
 
-test-all: $(STAMP)
+test-all: $(STAMP) $(DOCS_STAMP)
 	@echo "==> test-all: every test, the slow ones as well"
-	$(BIN)/python -m pytest $(ARGS)
+	$(BIN)/python -m pytest $(PARALLEL) $(ARGS)
 
 lint: $(STAMP)
 	@echo "==> lint: ruff check, ruff format, mypy"
@@ -56,3 +60,12 @@ bench: $(STAMP)
 doctor: $(STAMP)
 	@echo "==> doctor: what this machine can do"
 	$(BIN)/python launch/doctor.py
+
+$(DOCS_STAMP): $(STAMP)
+	PIP_CONSTRAINT=constraints.txt PIP_BUILD_CONSTRAINT=constraints.txt \
+		$(BIN)/python -m pip install -qq --constraint constraints.txt --editable '.[docs]'
+	@touch $(DOCS_STAMP)
+
+docs: $(DOCS_STAMP)
+	@echo "==> docs: building build/docs/index.html; a warning is an error"
+	$(BIN)/python -m sphinx -W --keep-going -q -d build/doctrees docs build/docs

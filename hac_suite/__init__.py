@@ -8,7 +8,7 @@ from hac_suite.state import SeedState
 from hac_suite.training.callback import Boundary, Callback, LostSeed, Progress
 from hac_suite.training.evaluation import EpisodeStats, run_episodes
 from hac_suite.training.loop import DIAGNOSTICS, PeriodResult, train
-from hac_suite.types import VectorEnv
+from hac_suite.types import Spaces, VectorEnv
 
 __all__ = [
     "DIAGNOSTICS",
@@ -23,6 +23,7 @@ __all__ = [
     "Policy",
     "Progress",
     "SeedState",
+    "Spaces",
     "StepView",
     "VectorEnv",
     "completed",

@@ -11,8 +11,9 @@ import safetensors
 import safetensors.torch
 import torch
 
+from hac_suite.acting import Episode
 from hac_suite.learning.networks import ALIGNED, StackedMLP, in_whole_registers
-from hac_suite.types import Actor, LevelSpec
+from hac_suite.types import Actor, LevelSpec, Spaces, level_specs
 
 _FORMAT = "hac_suite.policy/2"
 
@@ -40,6 +41,11 @@ def as_actor(network: StackedMLP, spec: LevelSpec) -> Actor:
 class Policy:
     """One trained agent: the actors of all its levels, of one seed.
 
+        policy = hac_suite.Policy.load("assets/policies/pick_place_2layers_seed1")
+        policy.reset(tasks.spec("pick_place"))
+        while ...:  # an episode
+            action = policy.act(observation, goal, achieved_subgoal)
+
     Attributes:
         horizons: (T_0, ..., T_n).
         metadata: what the file said about itself (task, seed, score, ...).
@@ -54,6 +60,7 @@ class Policy:
         self.networks = list(networks)
         self.horizons = tuple(horizons)
         self.metadata = dict(metadata or {})
+        self._episode: Episode | None = None
 
     @property
     def subgoal_layers(self) -> int:
@@ -86,6 +93,45 @@ class Policy:
                     f"task needs {wanted[0]} to {wanted[1]}: it is of another task."
                 )
         return [as_actor(n, spec) for n, spec in zip(self.networks, levels, strict=True)]
+
+    def reset(self, spec: Spaces) -> None:
+        """Begins an episode, of which `act` is then asked for each action.
+
+        Args:
+            spec: the task's, as `tasks.spec` or a `VectorEnv` says it: scales, spaces and bounds.
+
+        Raises:
+            ValueError: the policy is of another task.
+        """
+        actors = self.actors(level_specs(spec, self.horizons))
+        self._episode = Episode(spec, actors, self.horizons)
+
+    def act(
+        self,
+        observation: np.ndarray,
+        goal: np.ndarray,
+        achieved_subgoal: np.ndarray | None = None,
+    ) -> np.ndarray:
+        """The next action of the episode, as in tests: without noise (Section 4.2).
+
+        All are in natural units. The levels' subgoals and attempts are kept from one call to the
+        next, so it is called once for each action, in order, until the episode ends.
+
+        Args:
+            observation: [D].
+            goal: the end goal, [G].
+            achieved_subgoal: where the state is in the space of subgoals, [H]; an agent without
+                subgoal layers needs none.
+
+        Returns:
+            [A], within the motors' bounds.
+
+        Raises:
+            ValueError: no episode has begun, or an argument is not what the task has.
+        """
+        if self._episode is None:
+            raise ValueError("no episode has begun: call reset(tasks.spec(...)) before act")
+        return self._episode.act(observation, goal, achieved_subgoal)
 
     def save(self, path: str | Path, metadata: dict[str, Any]) -> None:
         """Writes `path`.safetensors and `path`.json."""

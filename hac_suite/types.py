@@ -51,11 +51,8 @@ class EnvStep(Protocol):
     def diverged(self) -> np.ndarray: ...  # bool [N]
 
 
-class VectorEnv(Protocol):
-    """N environments of one task in lock step. It never ends an episode: the hierarchy does."""
-
-    num_envs: int
-    max_steps: int
+class Spaces(Protocol):
+    """What an agent needs to know of a task: a `VectorEnv` says it, and a task's spec."""
 
     @property
     def observation_scale(self) -> np.ndarray: ...  # [D]
@@ -71,6 +68,13 @@ class VectorEnv(Protocol):
 
     @property
     def subgoal_space(self) -> GoalSpace: ...
+
+
+class VectorEnv(Spaces, Protocol):
+    """N environments of one task in lock step. It never ends an episode: the hierarchy does."""
+
+    num_envs: int
+    max_steps: int
 
     def reset(
         self,
@@ -100,14 +104,14 @@ class LevelSpec(NamedTuple):
         return len(self.observation_scale)
 
 
-def level_specs(env: VectorEnv, horizons: tuple[int, ...]) -> tuple[LevelSpec, ...]:
+def level_specs(spaces: Spaces, horizons: tuple[int, ...]) -> tuple[LevelSpec, ...]:
     """Levels with T_i = horizons[i]; level 0 acts, the last pursues the end goal."""
     top = len(horizons) - 1
     return tuple(
         LevelSpec(
-            observation_scale=np.asarray(env.observation_scale, np.float64),
-            goal_space=env.goal_space if level == top else env.subgoal_space,
-            action_dim=len(env.action_low) if level == 0 else env.subgoal_space.dim,
+            observation_scale=np.asarray(spaces.observation_scale, np.float64),
+            goal_space=spaces.goal_space if level == top else spaces.subgoal_space,
+            action_dim=len(spaces.action_low) if level == 0 else spaces.subgoal_space.dim,
             attempts=attempts,
         )
         for level, attempts in enumerate(horizons)

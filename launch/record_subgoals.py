@@ -10,7 +10,7 @@ from typing import Any
 from absl import flags
 
 if __name__ == "__main__":
-    sys.path[0] = str(Path(__file__).resolve().parents[1])
+    sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
     from launch.asking import start
 
@@ -103,9 +103,8 @@ def _replay(path: Path, episodes: int) -> Replayed:
 def _write_table(replays: Sequence[Replayed], path: Path) -> None:
     """A row per high-level subgoal, policy by policy, in the order of time."""
     task = replays[0].policy.metadata["task"]
-    env = tasks.load_vector(task, 1)
-    space, goals = env.subgoal_space.names, env.goal_space.names
-    env.close()
+    spec = tasks.spec(task)
+    space, goals = spec.subgoal_space.names, spec.goal_space.names
     conditions = _condition_columns(task)
     with path.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file, lineterminator="\n")
@@ -134,9 +133,8 @@ def _rows(played: Replayed, conditions: list[int]) -> Iterator[list[Any]]:
 def _condition_columns(task: str) -> dict[str, int]:
     """Columns of the observation that hold the task's `_CONDITIONS`, by name."""
     names = _CONDITIONS.get(task, ())
-    with tasks.load(task) as env:
-        parts = env.task.observation_parts(env.task.readings(env.physics))
-    ends = dict(zip(parts, np.cumsum([part.size for part in parts.values()]), strict=True))
+    parts = tasks.spec(task).observation
+    ends = dict(zip(parts, np.cumsum([len(part) for part in parts.values()]), strict=True))
     return {name: int(ends[name]) - 1 for name in names}
 
 
@@ -159,8 +157,8 @@ def _typical(replays: Sequence[Replayed], layers: int) -> tuple[Replayed, int]:
 def _anatomy(chosen: Sequence[tuple[Replayed, int]]) -> dict[str, Any]:
     """The episodes with all their subgoals, and the spaces that these are points of."""
     task = chosen[0][0].policy.metadata["task"]
-    env = tasks.load_vector(task, 1)
-    spaces = {"subgoal_space": env.subgoal_space, "goal_space": env.goal_space}
+    spec = tasks.spec(task)
+    spaces = {"subgoal_space": spec.subgoal_space, "goal_space": spec.goal_space}
     described = {
         name: {
             "names": list(space.names),
@@ -169,10 +167,13 @@ def _anatomy(chosen: Sequence[tuple[Replayed, int]]) -> dict[str, Any]:
         }
         for name, space in spaces.items()
     }
-    step = env.control_timestep
-    env.close()
     episodes = [_episode(played, index) for played, index in chosen]
-    return {"task": task, "control_timestep": step, **described, "episodes": episodes}
+    return {
+        "task": task,
+        "control_timestep": spec.control_timestep,
+        **described,
+        "episodes": episodes,
+    }
 
 
 def _episode(played: Replayed, index: int) -> dict[str, Any]:

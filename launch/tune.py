@@ -11,7 +11,7 @@ from typing import NamedTuple
 from absl import flags
 
 if __name__ == "__main__":
-    sys.path[0] = str(Path(__file__).resolve().parents[1])
+    sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
     from launch.asking import start
 
@@ -161,8 +161,8 @@ def _seeds(word: str) -> tuple[int, ...]:
     seeds = lists.seeds(word)
     if min(seeds) < _FIRST_SEED:
         raise CommandError(
-            f"flag --seeds={word}: seeds below {_FIRST_SEED} are for published results, which are "
-            f"not tuned on; it takes others, as in --seeds={_FIRST_SEED}-{_FIRST_SEED + 3}"
+            f"flag --seeds={word} names seed {min(seeds)}: those below {_FIRST_SEED} are for "
+            f"published results; tune on others, as in --seeds={_FIRST_SEED}-{_FIRST_SEED + 3}"
         )
     return seeds
 

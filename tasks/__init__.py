@@ -1,14 +1,26 @@
 """Goal-conditioned MuJoCo tasks.
 
-`load` gives a task as a Composer environment and `load_vector` as many environments stepped
-together; importing the package registers every task with Gymnasium as "HACSuite/<Name>-v0".
+`spec` says what a task is, `load` gives it as a Composer environment and `load_vector` as many
+environments stepped together; `find` answers a word with all three. Importing the package
+registers every task with Gymnasium as "HACSuite/<Name>-v0".
 """
 
 from tasks import to_gymnasium
+from tasks.finding import ALL, find, load, load_vector, spec
 from tasks.goal_space import GoalSpace
-from tasks.loading import ALL, TAGS, load, load_vector
+from tasks.task_spec import TaskSpec
 from tasks.vector import VectorEnv, VectorStep
 
-__all__ = ["ALL", "TAGS", "GoalSpace", "VectorEnv", "VectorStep", "load", "load_vector"]
+__all__ = [
+    "ALL",
+    "GoalSpace",
+    "TaskSpec",
+    "VectorEnv",
+    "VectorStep",
+    "find",
+    "load",
+    "load_vector",
+    "spec",
+]
 
 to_gymnasium.register_all(ALL)

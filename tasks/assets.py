@@ -3,6 +3,7 @@
 import os
 import pathlib
 
+import numpy as np
 from dm_control import mjcf
 
 # Beside this package, in the repository and in an installation alike.
@@ -10,10 +11,11 @@ MJCF_DIRECTORY = pathlib.Path(__file__).resolve().parent.parent / "assets" / "mj
 
 _MISSING = "the MJCF file {path!r} is missing; reinstall the project or restore it with git"
 _BROKEN = "the MJCF file {path!r} could not be parsed: {error}"
+_NO_RANGE = "actuator {name!r} of {filename!r} needs a ctrlrange: a task's actions are bounded"
 
 
 def load_mjcf(filename: str) -> mjcf.RootElement:
-    """Parses `assets/mjcf/<filename>`.
+    """Parses `assets/mjcf/<filename>`, or the file at an absolute path.
 
     Raises:
       FileNotFoundError: there is no such file; the message names it.
@@ -27,3 +29,26 @@ def load_mjcf(filename: str) -> mjcf.RootElement:
     except Exception as error:  # the parser raises lxml's, KeyError and others besides ValueError
         reason = " ".join(str(error).split())
         raise ValueError(_BROKEN.format(path=str(path), error=reason)) from error
+
+
+def action_bounds(filename: str) -> tuple[np.ndarray, np.ndarray]:
+    """The least and the most that the actuators in an MJCF file take, [A] each.
+
+    The file is parsed and not compiled. Its actuators are the task's, in their order.
+
+    Raises:
+      FileNotFoundError, ValueError: as `load_mjcf`, or an actuator without a control range.
+    """
+    actuators = load_mjcf(filename).find_all("actuator")
+    ranges = np.array([_control_range(actuator, filename) for actuator in actuators])
+    return ranges[:, 0], ranges[:, 1]
+
+
+def _control_range(actuator, filename: str) -> np.ndarray:
+    """An actuator's control range [2]: its own, or that of the nearest of its default classes."""
+    given, defaults = actuator.ctrlrange, actuator.dclass or actuator.root.default
+    while given is None and defaults.tag == "default":
+        given, defaults = getattr(defaults, actuator.tag).ctrlrange, defaults.parent
+    if given is None:
+        raise ValueError(_NO_RANGE.format(name=actuator.name, filename=filename))
+    return np.array(given)

@@ -2,20 +2,20 @@
 
 import abc
 import collections
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
-import numpy.typing as npt
 from dm_control import composer
 from dm_control.composer.observation import observable
 
-from tasks import goal_space as goal_space_lib
 from tasks import markers as markers_lib
+from tasks.task_spec import TaskSpec
 
 _NOT_FINITE = "action {index} ({name}) is {value}; actions must be finite"
 _NO_PLACEMENT = (
     "{task}: no valid {what} in {attempts} attempts; widen its range or relax what it must satisfy"
 )
+_NOT_AS_SPECIFIED = "{task}: its spec says {what} {said}, but the task has {found}"
 _PLACEMENT_ATTEMPTS = 1000
 
 
@@ -38,43 +38,27 @@ class GoalTask(composer.Task):
     def __init__(
         self,
         arena: composer.Arena,
+        spec: TaskSpec,
         *,
-        goal_space: goal_space_lib.GoalSpace,
-        subgoal_space: goal_space_lib.GoalSpace,
-        observation_scale: npt.ArrayLike,
         markers: Sequence[markers_lib.Marker],
-        control_timestep: float,
-        max_steps: int,
-        horizons: Mapping[int, tuple[int, ...]] | None = None,
         test: bool = False,
     ):
         """Initialises the task; bodies other than markers are already in the arena.
 
         Args:
           arena: the root entity.
-          goal_space: the space of end goals, G dimensions.
-          subgoal_space: the space of subgoals, H dimensions.
-          observation_scale: [D] what the observation is divided by to come out about [-1, 1].
+          spec: the task's spaces, steps and scales, with which it is registered.
           markers: goal and subgoal markers, which are attached to the arena here.
-          control_timestep: seconds between actions, a multiple of the physics timestep.
-          max_steps: control steps after which an episode is cut off.
-          horizons: by number of subgoal layers, the attempts (T_0, ..., T_n) that suit this task
-            better than equal ones.
           test: whether episodes begin from the test starts rather than the training starts.
         """
         self._arena = arena
-        self.goal_space = goal_space
-        self.subgoal_space = subgoal_space
-        self.observation_scale = np.asarray(observation_scale, dtype=np.float64)
-        self.max_steps = max_steps
-        self.horizons = dict(horizons or {})
+        self.spec = spec
         self._test = test
         self._step_count = 0
-        self._goal = np.zeros(goal_space.dim)
-        self._subgoals = np.zeros((markers_lib.SUBGOAL_LEVELS, subgoal_space.dim))
+        self._goal = np.zeros(spec.goal_space.dim)
         for marker in markers:
             marker.attach_to(arena)
-        self.control_timestep = control_timestep
+        self.control_timestep = spec.control_timestep
         self._task_observables: collections.OrderedDict = collections.OrderedDict()
 
     # What the task is: one definition each, used by Composer and by the vectorised path.
@@ -152,7 +136,6 @@ class GoalTask(composer.Task):
     def begin_episode(self, physics, random_state, test: bool) -> None:
         """Starts an episode from a test start or a training start."""
         self._step_count = 0
-        self._subgoals[:] = 0.0
         self._goal = np.array(self.sample_episode(physics, random_state, test), dtype=np.float64)
         self.place_goal_marker(physics, self._goal)
 
@@ -161,13 +144,6 @@ class GoalTask(composer.Task):
         for level in range(markers_lib.SUBGOAL_LEVELS):
             subgoal = subgoals[level] if level < len(subgoals) else None
             self.place_subgoal_marker(physics, level, subgoal)
-
-    def set_subgoals(self, physics, subgoals: Sequence[np.ndarray | None]) -> None:
-        """Makes these the current subgoals: observable as "subgoal_0", "subgoal_1", and shown."""
-        for level in range(markers_lib.SUBGOAL_LEVELS):
-            subgoal = subgoals[level] if level < len(subgoals) else None
-            self._subgoals[level] = 0.0 if subgoal is None else subgoal
-        self.place_subgoal_markers(physics, subgoals)
 
     def check_actions(self, physics, actions: np.ndarray) -> None:
         """Raises ValueError naming the first of the actions [A] that is not finite."""
@@ -179,7 +155,7 @@ class GoalTask(composer.Task):
 
     def _succeeded(self, physics) -> bool:
         return bool(
-            self.goal_space.achieved(self.achieved_goal(self.readings(physics)), self._goal)
+            self.spec.goal_space.achieved(self.achieved_goal(self.readings(physics)), self._goal)
         )
 
     # Composer's hooks.
@@ -193,21 +169,53 @@ class GoalTask(composer.Task):
         return self._task_observables
 
     def after_compile(self, physics, random_state) -> None:
-        """Makes the observables; only the compiled model tells how many readings there are."""
+        """Makes the observables: the observation's parts, and points of both spaces.
+
+        Raises:
+          ValueError: the compiled model is not what the spec says.
+        """
         del random_state
+        self._check_spec(physics)
         functions: dict[str, Callable[..., np.ndarray]] = {}
-        for part in self.observation_parts(self.readings(physics)):
+        for part in self.spec.observation:
             functions[part] = lambda physics, part=part: self.observation_parts(
                 self.readings(physics)
             )[part]
         functions["achieved_goal"] = lambda physics: self.achieved_goal(self.readings(physics))
+        functions["achieved_subgoal"] = lambda physics: self.achieved_subgoal(
+            self.readings(physics)
+        )
         functions["desired_goal"] = lambda physics: self._goal.copy()
-        for level in range(markers_lib.SUBGOAL_LEVELS):
-            functions[f"subgoal_{level}"] = lambda physics, i=level: self._subgoals[i].copy()
         self._task_observables.clear()
         for name, function in functions.items():
             self._task_observables[name] = observable.Generic(function)
             self._task_observables[name].enabled = True
+
+    def _check_spec(self, physics) -> None:
+        """Raises ValueError where the model's sizes or bounds are not those of the spec."""
+        spec, readings = self.spec, self.readings(physics)
+        bounds = physics.model.actuator_ctrlrange
+        parts = self.observation_parts(readings)
+        pairs = {
+            "observation parts and sizes": (
+                [(name, len(scale)) for name, scale in spec.observation.items()],
+                [(name, part.size) for name, part in parts.items()],
+            ),
+            "goal space's dimensions": (spec.goal_space.dim, self.achieved_goal(readings).size),
+            "subgoal space's dimensions": (
+                spec.subgoal_space.dim,
+                self.achieved_subgoal(readings).size,
+            ),
+            "action_low": (spec.action_low.tolist(), bounds[:, 0].tolist()),
+            "action_high": (spec.action_high.tolist(), bounds[:, 1].tolist()),
+        }
+        for what, (said, found) in pairs.items():
+            if said != found:
+                raise ValueError(
+                    _NOT_AS_SPECIFIED.format(
+                        task=type(self).__name__, what=what, said=said, found=found
+                    )
+                )
 
     def initialize_episode(self, physics, random_state) -> None:
         self.begin_episode(physics, random_state, self._test)
@@ -231,4 +239,4 @@ class GoalTask(composer.Task):
         return 0.0 if self._succeeded(physics) else 1.0
 
     def should_terminate_episode(self, physics) -> bool:
-        return self._step_count >= self.max_steps or self._succeeded(physics)
+        return self._step_count >= self.spec.max_steps or self._succeeded(physics)

@@ -6,12 +6,10 @@ start at rest, and the goal is always the same.
 """
 
 import numpy as np
-from dm_control import composer
 
-from tasks import assets, base, goal_space, markers, registry
+from tasks import assets, base, goal_space, markers, registry, scenes, task_spec
 
-_CONTROL_TIMESTEP = 0.0175  # seconds
-_MAX_STEPS = 500  # control steps
+_MJCF = "cartpole.xml"
 # T_0, T_1 and T_2; the paper has one T for all levels (Section 3.2). In 8 steps, the cube root of
 # the horizon, the cart can hardly change where the pole's tip goes.
 _HORIZONS = {2: (20, 8, 3)}
@@ -56,7 +54,27 @@ _END_GOAL = np.array([0.0, _RAIL_HEIGHT + _POLE_LENGTH, 0.0, 0.0])
 # Columns of the readings, in the order of cartpole.xml's sensors.
 _TIP_X, _TIP_Z, _CART_X, _CART_VELOCITY, _ANGLE, _ANGULAR_VELOCITY = 0, 2, 3, 4, 5, 6
 
+_SPEC = task_spec.TaskSpec(
+    title="Pole up at the marker with near-zero angular velocity, and the cart below it.",
+    control_timestep=0.0175,  # seconds
+    max_steps=500,
+    horizons=_HORIZONS,
+    goal_space=_GOAL_SPACE,
+    subgoal_space=_SUBGOAL_SPACE,
+    observation={
+        "cart_position": (_RAIL_HALF_LENGTH,),
+        "angle": (1.0, 1.0),
+        "cart_velocity": (5.0,),
+        "angular_velocity": (10.0,),
+    },
+    action_bounds=assets.action_bounds(_MJCF),
+)
+
 _MARKER_RADIUS = 0.075  # metres
+_CAMERAS = {
+    "front": scenes.Camera((0, -5.2, 1.5), (1, 0, 0, 0, 0.05, 1), 40),
+    "side": scenes.Camera((3.2, -3.8, 2.3), (0.76, 0.64, 0, -0.16, 0.19, 0.97)),
+}
 
 
 class Cartpole(base.GoalTask):
@@ -69,14 +87,9 @@ class Cartpole(base.GoalTask):
         )
         self._subgoal_markers = markers.subgoal_markers("sphere", (_MARKER_RADIUS,))
         super().__init__(
-            _build_arena(),
-            goal_space=_GOAL_SPACE,
-            subgoal_space=_SUBGOAL_SPACE,
-            observation_scale=(_RAIL_HALF_LENGTH, 1.0, 1.0, 5.0, 10.0),
+            scenes.build(assets.load_mjcf(_MJCF), cameras=_CAMERAS),
+            _SPEC,
             markers=[self._goal_marker, *self._subgoal_markers],
-            control_timestep=_CONTROL_TIMESTEP,
-            max_steps=_MAX_STEPS,
-            horizons=_HORIZONS,
             test=test,
         )
 
@@ -109,19 +122,6 @@ class Cartpole(base.GoalTask):
         self._subgoal_markers[level].show_in_plane(physics, subgoal)
 
 
-def _build_arena() -> composer.Arena:
-    arena = composer.Arena(xml_path=str(assets.MJCF_DIRECTORY / "arena.xml"))
-    arena.mjcf_model.attach(assets.load_mjcf("cartpole.xml"))
-    arena.mjcf_model.worldbody.add(
-        "camera", name="front", pos=(0, -5.2, 1.5), xyaxes=(1, 0, 0, 0, 0.05, 1), fovy=40
-    )
-    arena.mjcf_model.worldbody.add(
-        "camera", name="side", pos=(3.2, -3.8, 2.3), xyaxes=(0.76, 0.64, 0, -0.16, 0.19, 0.97)
-    )
-    return arena
-
-
-@registry.add("cartpole", "two_joints")
+@registry.add(_SPEC)
 def cartpole_swingup(test: bool = False) -> Cartpole:
-    """Pole up at the marker with near-zero angular velocity, and the cart below it."""
     return Cartpole(test)

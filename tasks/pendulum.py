@@ -10,15 +10,11 @@ everything but the 45 degrees either side of upright. All start at rest.
 import dataclasses
 
 import numpy as np
-from dm_control import composer
 
-from tasks import assets, base, goal_space, markers, registry
+from tasks import assets, base, goal_space, markers, registry, scenes, task_spec
 
+_MJCF = "pendulum.xml"
 _SUBSTEPS = 2  # physics steps in a control step
-# From test starts, a sampling planner (tests/tasks/planner.py) takes about 92 steps of 0.025 s to
-# touch the peak and 120 of 0.02 s to come to rest there.
-_CLIMB_TIMESTEP, _CLIMB_MAX_STEPS = 0.025, 300  # seconds in a control step, control steps
-_BALANCE_TIMESTEP, _BALANCE_MAX_STEPS = 0.02, 400
 
 _PIVOT_HEIGHT = 0.8  # metres, as in pendulum.xml
 _LENGTH = 0.5  # metres from the pivot to the tip, as in pendulum.xml
@@ -48,7 +44,32 @@ _TIP_AND_VELOCITY_SPACE = goal_space.GoalSpace(
     threshold=np.append(_TIP_SPACE.threshold, _VELOCITY_THRESHOLD),
 )
 
+# From test starts, a sampling planner (tests/tasks/planner.py) takes about 92 steps of 0.025 s to
+# touch the peak and 120 of 0.02 s to come to rest there.
+_CLIMB = task_spec.TaskSpec(
+    title="Touch the marker at the peak, at any speed.",
+    control_timestep=0.025,  # seconds
+    max_steps=300,
+    goal_space=_TIP_SPACE,
+    subgoal_space=_TIP_SPACE,
+    observation={"angle": (1.0, 1.0), "angular_velocity": (10.0,)},
+    action_bounds=assets.action_bounds(_MJCF),
+)
+
+_BALANCE = dataclasses.replace(
+    _CLIMB,
+    title="Be at the peak with near-zero angular velocity.",
+    control_timestep=0.02,
+    max_steps=400,
+    goal_space=_TIP_AND_VELOCITY_SPACE,
+    subgoal_space=_TIP_AND_VELOCITY_SPACE,
+)
+
 _MARKER_RADIUS = 0.06  # metres
+_CAMERAS = {
+    "front": scenes.Camera((0.0, -2.3, 1.0), (1, 0, 0, 0, 0.08, 1), 42),
+    "side": scenes.Camera((1.6, -1.7, 1.4), (0.73, 0.69, 0, -0.2, 0.22, 0.95)),
+}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -67,38 +88,21 @@ _SENSORS = _Sensors()
 class Pendulum(base.GoalTask):
     """Swing the pendulum to its peak; with a velocity in the goal space, come to rest there."""
 
-    def __init__(
-        self,
-        goals: goal_space.GoalSpace,
-        goal: tuple[float, ...],
-        *,
-        control_timestep: float,
-        max_steps: int,
-        test: bool,
-    ):
+    def __init__(self, spec: task_spec.TaskSpec, goal: tuple[float, ...], *, test: bool):
         """Initialises the task.
 
         Args:
-          goals: the space of goals and subgoals alike: tip x, z and perhaps angular velocity.
+          spec: its space of goals and subgoals alike is tip x, z and perhaps angular velocity.
           goal: the end goal, the same in every episode.
-          control_timestep: seconds between actions.
-          max_steps: control steps after which an episode is cut off.
           test: whether episodes begin hanging rather than anywhere.
         """
-        arena = _build_arena(physics_timestep=control_timestep / _SUBSTEPS)
+        arena = scenes.build(assets.load_mjcf(_MJCF), cameras=_CAMERAS)
+        arena.mjcf_model.option.timestep = spec.control_timestep / _SUBSTEPS
         self._end_goal = np.array(goal)
         self._goal_marker = markers.Marker("goal", "cube", markers.GOAL_RGBA, (0.05, 0.05, 0.05))
         self._subgoal_markers = markers.subgoal_markers("sphere", (_MARKER_RADIUS,))
-        super().__init__(
-            arena,
-            goal_space=goals,
-            subgoal_space=goals,
-            observation_scale=(1.0, 1.0, 10.0),
-            markers=[self._goal_marker, *self._subgoal_markers],
-            control_timestep=control_timestep,
-            max_steps=max_steps,
-            test=test,
-        )
+        shown = [self._goal_marker, *self._subgoal_markers]
+        super().__init__(arena, spec, markers=shown, test=test)
 
     def observation_parts(self, readings):
         angle = readings[..., _SENSORS.angle]
@@ -109,7 +113,7 @@ class Pendulum(base.GoalTask):
 
     def achieved_goal(self, readings):
         columns = [_SENSORS.tip_x, _SENSORS.tip_z, _SENSORS.angular_velocity]
-        return readings[..., columns[: self.goal_space.dim]]
+        return readings[..., columns[: self.spec.goal_space.dim]]
 
     def achieved_subgoal(self, readings):
         return self.achieved_goal(readings)
@@ -126,38 +130,11 @@ class Pendulum(base.GoalTask):
         self._subgoal_markers[level].show_in_plane(physics, subgoal)
 
 
-def _build_arena(physics_timestep: float) -> composer.Arena:
-    arena = composer.Arena(xml_path=str(assets.MJCF_DIRECTORY / "arena.xml"))
-    arena.mjcf_model.attach(assets.load_mjcf("pendulum.xml"))
-    arena.mjcf_model.option.timestep = physics_timestep
-    arena.mjcf_model.worldbody.add(
-        "camera", name="front", pos=(0.0, -2.3, 1.0), xyaxes=(1, 0, 0, 0, 0.08, 1), fovy=42
-    )
-    arena.mjcf_model.worldbody.add(
-        "camera", name="side", pos=(1.6, -1.7, 1.4), xyaxes=(0.73, 0.69, 0, -0.2, 0.22, 0.95)
-    )
-    return arena
-
-
-@registry.add("pendulum", "one_joint")
+@registry.add(_CLIMB)
 def pendulum_climb(test: bool = False) -> Pendulum:
-    """Touch the marker at the peak, at any speed."""
-    return Pendulum(
-        _TIP_SPACE,
-        _PEAK,
-        control_timestep=_CLIMB_TIMESTEP,
-        max_steps=_CLIMB_MAX_STEPS,
-        test=test,
-    )
+    return Pendulum(_CLIMB, _PEAK, test=test)
 
 
-@registry.add("pendulum", "one_joint")
+@registry.add(_BALANCE)
 def pendulum_balance(test: bool = False) -> Pendulum:
-    """Be at the peak with near-zero angular velocity."""
-    return Pendulum(
-        _TIP_AND_VELOCITY_SPACE,
-        (*_PEAK, 0.0),
-        control_timestep=_BALANCE_TIMESTEP,
-        max_steps=_BALANCE_MAX_STEPS,
-        test=test,
-    )
+    return Pendulum(_BALANCE, (*_PEAK, 0.0), test=test)

@@ -19,12 +19,8 @@ import dataclasses
 import numpy as np
 from dm_control import composer
 
-from tasks import assets, base, goal_space, markers, registry
+from tasks import assets, base, goal_space, markers, registry, scenes, task_spec
 from tasks.robots import worm
-
-_CONTROL_TIMESTEP = 0.015  # seconds
-_MAX_STEPS = 300  # control steps
-_HORIZONS = {1: (30, 10)}  # T_0 and T_1; the paper has one T for all levels (Section 3.2)
 
 _ROD_LENGTH = 0.25  # metres, as in rod.xml
 _ROD_RADIUS = 0.024  # metres, as in rod.xml
@@ -87,16 +83,30 @@ class _Columns:
 _COLUMNS = _Columns()
 _GRASP = 0  # the model's only equality constraint
 
-_SCALE = {
-    "joints": worm.JOINT_LIMITS,
-    "joint_velocities": (5.0, 5.0),
-    "gripper": (0.8, 0.8),
-    "rod": (0.8, 0.8),
-    "rod_velocity": (2.0, 2.0),
-    "rod_axis": (1.0, 1.0),
-    "rod_spin": (5.0,),
-    "attached": (1.0,),
-    "to_top": (0.4, 0.4),  # from the gripper to the rod's top end
+_SPEC = task_spec.TaskSpec(
+    title="Pick the blue rod up and bring it to the yellow rod.",
+    control_timestep=0.015,  # seconds
+    max_steps=300,
+    horizons={1: (30, 10)},  # T_0 and T_1; the paper has one T for all levels (Section 3.2)
+    goal_space=_GOAL_SPACE,
+    subgoal_space=_SUBGOAL_SPACE,
+    observation={
+        "joints": worm.JOINT_LIMITS,
+        "joint_velocities": (5.0, 5.0),
+        "gripper": (0.8, 0.8),
+        "rod": (0.8, 0.8),
+        "rod_velocity": (2.0, 2.0),
+        "rod_axis": (1.0, 1.0),
+        "rod_spin": (5.0,),
+        "attached": (1.0,),
+        "to_top": (0.4, 0.4),  # from the gripper to the rod's top end
+    },
+    action_bounds=assets.action_bounds(worm.MJCF),
+)
+
+_CAMERAS = {
+    "front": scenes.Camera((0.0, -2.0, 0.5), (1, 0, 0, 0, 0.06, 1), 42),
+    "side": scenes.Camera((1.1, -1.5, 1.0), (0.81, 0.59, 0, -0.2, 0.27, 0.94)),
 }
 
 
@@ -119,8 +129,14 @@ class Rod(composer.Entity):
 class PickPlace(base.GoalTask):
     """Fetch the rod and bring it to the goal."""
 
-    def __init__(self, test: bool):
-        """Initialises the task; `test` says whether episodes begin from the test starts."""
+    def __init__(self, test: bool, spec: task_spec.TaskSpec = _SPEC):
+        """Initialises the task.
+
+        Args:
+          test: whether episodes begin from the test starts.
+          spec: another control step or number of them; everything else as in the suite's task. A
+            control step below the worm's physics step makes that as short.
+        """
         self._goal_marker = _rod_marker("goal_rod", markers.GOAL_RGBA)
         self._subgoal_markers = [
             (
@@ -129,22 +145,21 @@ class PickPlace(base.GoalTask):
             )
             for level, rgba in enumerate(markers.SUBGOAL_RGBA)
         ]
+        arena = _build_arena()
+        option = arena.mjcf_model.option
+        option.timestep = min(option.timestep, spec.control_timestep)
         super().__init__(
-            _build_arena(),
-            goal_space=_GOAL_SPACE,
-            subgoal_space=_SUBGOAL_SPACE,
-            observation_scale=np.concatenate(list(_SCALE.values())),
+            arena,
+            spec,
             markers=[self._goal_marker, *(m for pair in self._subgoal_markers for m in pair)],
-            control_timestep=_CONTROL_TIMESTEP,
-            max_steps=_MAX_STEPS,
-            horizons=_HORIZONS,
             test=test,
         )
 
     def observation_parts(self, readings):
         to_top = readings[..., _COLUMNS.rod_top] - readings[..., _COLUMNS.gripper]
-        read = {name: readings[..., getattr(_COLUMNS, name)] for name in _SCALE if name != "to_top"}
-        return {**read, "to_top": to_top}
+        read = [name for name in self.spec.observation if name != "to_top"]
+        parts = {name: readings[..., getattr(_COLUMNS, name)] for name in read}
+        return {**parts, "to_top": to_top}
 
     def achieved_goal(self, readings):
         return readings[..., _COLUMNS.rod]
@@ -217,26 +232,14 @@ def _rod_marker(name: str, rgba) -> markers.Marker:
 
 
 def _build_arena() -> composer.Arena:
-    arena = composer.Arena(xml_path=str(assets.MJCF_DIRECTORY / "arena.xml"))
-    model = arena.mjcf_model
-    floor = model.find("geom", "floor")
-    floor.contype, floor.conaffinity = 1, 1
     robot, rod = worm.Worm(), Rod()
-    arena.attach(robot)
-    arena.attach(rod)
-    model.equality.add(
+    arena = scenes.build(robot, rod, cameras=_CAMERAS, solid_floor=True)
+    arena.mjcf_model.equality.add(
         "connect", name="grasp", site1=robot.grip_site, site2=rod.top_site, active="false"
-    )
-    model.worldbody.add(
-        "camera", name="front", pos=(0.0, -2.0, 0.5), xyaxes=(1, 0, 0, 0, 0.06, 1), fovy=42
-    )
-    model.worldbody.add(
-        "camera", name="side", pos=(1.1, -1.5, 1.0), xyaxes=(0.81, 0.59, 0, -0.2, 0.27, 0.94)
     )
     return arena
 
 
-@registry.add("worm", "two_joints", "contact")
+@registry.add(_SPEC)
 def pick_place(test: bool = False) -> PickPlace:
-    """Pick the blue rod up and bring it to the yellow rod."""
     return PickPlace(test)

@@ -1,37 +1,91 @@
 """The registry of tasks: a decorated factory whose name is the task's name."""
 
-import difflib
-from collections.abc import Callable
+import contextlib
+import dataclasses
+from collections.abc import Callable, Iterator
 
-from dm_control.utils import containers
+from dm_control import composer
 
-_UNKNOWN_TASK = "unknown task {name!r}; did you mean {closest}? The tasks are {names}."
+from tasks import base
+from tasks.task_spec import TaskSpec
+from tasks.vector import VectorEnv
 
-_FACTORIES = containers.TaggedTasks(allow_overriding_keys=False)
-
-add = _FACTORIES.add
-names = _FACTORIES.keys
-tags = _FACTORIES.tags
-tagged = _FACTORIES.tagged
+_TAKEN = "a task called {name!r} is registered already"
 
 
-def get(name: str) -> Callable:
-    """Returns the factory of the task called `name`.
+@dataclasses.dataclass(frozen=True)
+class Entry:
+    """A registered task: what is known of it, and how to load it.
 
-    A factory takes the keyword `test` (bool: test rather than training starts) and returns a
-    `tasks.base.GoalTask`.
+    Attributes:
+      name: what folders, tables and files call it; no other task has it.
+      word: what `tasks.find` finds it by again, from any folder.
+      spec: its spaces, steps and scales.
+      factory: takes the keyword `test` (whether episodes begin from the test starts rather than
+        the training starts) and returns the task.
+    """
+
+    name: str
+    word: str
+    spec: TaskSpec
+    factory: Callable[..., base.GoalTask]
+
+    def load(self, seed: int | None = None, *, test: bool = False) -> composer.Environment:
+        """The task as a Composer environment; see `tasks.load`."""
+        return composer.Environment(
+            self.factory(test=test),
+            random_state=seed,
+            strip_singleton_obs_buffer_dim=True,
+            recompile_mjcf_every_episode=False,
+        )
+
+    def load_vector(self, num_envs: int, seed: int = 0) -> VectorEnv:
+        """The task as `num_envs` environments stepped together; see `tasks.load_vector`."""
+        return VectorEnv(self.load(seed=0), self.name, num_envs, seed)
+
+
+_OWN: dict[str, Entry] = {}  # the suite's tasks
+_receiving = _OWN  # where `add` puts a task
+
+
+def add(spec: TaskSpec) -> Callable:
+    """Registers the decorated factory as a task of its name and of this spec.
+
+        @registry.add(_SPEC)
+        def pick_place(test: bool = False) -> PickPlace:
+            return PickPlace(test)
 
     Raises:
-      ValueError: no task has that name. The message lists the names, the closest first.
+      ValueError: the name is taken.
     """
-    if name in _FACTORIES:
-        return _FACTORIES[name]
-    ranked = closest_first(str(name), list(_FACTORIES))
-    raise ValueError(_UNKNOWN_TASK.format(name=name, closest=ranked[0], names=", ".join(ranked)))
+    where = _receiving
+
+    def register(factory: Callable[..., base.GoalTask]) -> Callable[..., base.GoalTask]:
+        name = factory.__name__
+        if name in where:
+            raise ValueError(_TAKEN.format(name=name))
+        where[name] = Entry(name, name, spec, factory)
+        return factory
+
+    return register
 
 
-def closest_first(name: str, candidates: list[str]) -> list[str]:
-    """Sorts the candidates by how much their spelling resembles `name`, the closest first."""
-    return sorted(
-        candidates, key=lambda c: difflib.SequenceMatcher(None, name, c).ratio(), reverse=True
-    )
+def names() -> list[str]:
+    """The names of the suite's tasks, in the order they were registered in."""
+    return list(_OWN)
+
+
+def get(name: str) -> Entry | None:
+    """The suite's task of this name, if there is one."""
+    return _OWN.get(name)
+
+
+@contextlib.contextmanager
+def collecting() -> Iterator[dict[str, Entry]]:
+    """Meanwhile `add` fills the dictionary given here, and the suite's tasks stay as they are."""
+    global _receiving
+    before, _receiving = _receiving, {}
+    try:
+        yield _receiving
+    finally:
+        _receiving = before

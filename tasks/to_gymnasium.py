@@ -6,22 +6,36 @@ from typing import Any
 import gymnasium
 import numpy as np
 
-from tasks import loading
+from tasks import finding
+from tasks.goal_space import GoalSpace
 
 _NAMESPACE = "HACSuite"
 _VERSION = "v0"
 _ACRONYMS = {"ur5": "UR5"}  # words of task names that are not capitalised like others
 _OBSERVED = ("observation", "achieved_goal", "desired_goal")
+_OPTIONS = ("test",)
 _SEEDS = 2**32  # episode seeds lie in [0, 2**32)
+_NO_OPTION = "reset() has no option {name!r}; its options are {options}"
+_NOT_A_BOOLEAN = "reset() takes test=True or test=False, got {value!r}"
+_NO_COPY = (
+    "a GoalEnv holds a running MuJoCo simulation, which cannot be copied or pickled; "
+    "make another with gymnasium.make(...), in the process that needs it"
+)
 
 
 class GoalEnv(gymnasium.Env):
     """A task as a Gymnasium goal environment.
 
+        env = gymnasium.make("tasks:HACSuite/PickPlace-v0")
+        observation, info = env.reset(seed=0, options={"test": True})
+        observation, reward, terminated, truncated, info = env.step(env.action_space.sample())
+
     Observations are dictionaries of "observation", "achieved_goal" and "desired_goal" in natural
     units. Actions lie in [-1, 1], which spans the motors' range. The reward is -1, or 0 once the
-    goal is achieved, which ends the episode; after the task's `max_steps`, or if the physics
-    breaks down, the episode is truncated. Each step's info says "is_success" and "diverged".
+    goal is achieved, which ends the episode. If the physics breaks down, the episode is truncated.
+    `gymnasium.make` also truncates it after the task's steps, or after `max_episode_steps` of your
+    own; an environment made without it has no such limit. Each info says "is_success", "diverged"
+    and "achieved_subgoal", the point of the subgoal space.
     """
 
     # The frame rate differs between tasks, so each environment states its own.
@@ -31,7 +45,7 @@ class GoalEnv(gymnasium.Env):
         """Loads a task.
 
         Args:
-          name: one of `tasks.ALL`.
+          name: one of `tasks.ALL`, or any other word that `tasks.find` knows.
           test: whether episodes begin from the test starts rather than the training starts.
           render_mode: None or "rgb_array".
 
@@ -40,7 +54,7 @@ class GoalEnv(gymnasium.Env):
         """
         if render_mode not in (None, *self.metadata["render_modes"]):
             raise ValueError(f"render_mode must be None or 'rgb_array', got {render_mode!r}")
-        self._env = loading.load_vector(name, 1)
+        self._env = finding.load_vector(name, 1)
         self._test = test
         self.render_mode = render_mode
         self.metadata = {**self.metadata, "render_fps": round(1 / self._env.control_timestep)}
@@ -58,16 +72,44 @@ class GoalEnv(gymnasium.Env):
                 for key, n in sizes.items()
             }
         )
-        self._steps = 0
+
+    @property
+    def goal_space(self) -> GoalSpace:
+        """The space of end goals: names, units, bounds and the thresholds that judge a goal."""
+        return self._env.goal_space
+
+    @property
+    def subgoal_space(self) -> GoalSpace:
+        """The space of subgoals."""
+        return self._env.subgoal_space
+
+    @property
+    def observation_scale(self) -> np.ndarray:
+        """What "observation" is divided by to come out about [-1, 1]: [D]."""
+        return self._env.observation_scale
+
+    @property
+    def max_steps(self) -> int:
+        """The steps after which the task's episodes are cut off, as the id is registered."""
+        return self._env.max_steps
 
     def reset(
         self, *, seed: int | None = None, options: Mapping[str, Any] | None = None
     ) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
-        """Starts an episode; see `gymnasium.Env.reset`. There are no options."""
+        """Starts an episode; see `gymnasium.Env.reset`.
+
+        Args:
+          seed: decides this episode, and those that follow it.
+          options: {"test": True} begins this episode from a test start, {"test": False} from a
+            training start, whatever the environment was made with.
+
+        Raises:
+          ValueError: an option that there is not, or one that is neither true nor false.
+        """
+        test = _options(options).get("test", self._test)
         super().reset(seed=seed)
-        self._steps = 0
         episode_seed = self.np_random.integers(_SEEDS)
-        step = self._env.reset(np.array([episode_seed]), test=self._test)
+        step = self._env.reset(np.array([episode_seed]), test=test)
         return self._observation(step), self._info(step)
 
     def step(self, action: np.ndarray) -> tuple[dict[str, np.ndarray], float, bool, bool, dict]:
@@ -79,19 +121,16 @@ class GoalEnv(gymnasium.Env):
         low, high = self._env.action_low, self._env.action_high
         natural = low + 0.5 * (np.asarray(action, dtype=np.float64) + 1.0) * (high - low)
         step = self._env.step(natural[np.newaxis])
-        self._steps += 1
         observation, info = self._observation(step), self._info(step)
-        terminated = info["is_success"]
-        truncated = not terminated and (self._steps >= self._env.max_steps or info["diverged"])
         reward = self.compute_reward(
             observation["achieved_goal"], observation["desired_goal"], info
         )
-        return observation, float(reward), terminated, truncated, info
+        return observation, float(reward), info["is_success"], info["diverged"], info
 
     def compute_reward(self, achieved_goal: np.ndarray, desired_goal: np.ndarray, info) -> Any:
         """The reward for each pair of goals [..., G]: 0.0 where achieved, otherwise -1.0."""
         del info
-        return self._env.goal_space.achieved(achieved_goal, desired_goal) - 1.0
+        return self.goal_space.achieved(achieved_goal, desired_goal) - 1.0
 
     def render(self) -> np.ndarray | None:
         """A picture of the scene, uint8 [480, 640, 3], in render mode "rgb_array"."""
@@ -101,13 +140,21 @@ class GoalEnv(gymnasium.Env):
         """Frees the simulation."""
         self._env.close()
 
+    def __reduce_ex__(self, protocol: Any) -> Any:
+        """Raises TypeError: `copy` and `pickle` would leave the simulation behind."""
+        raise TypeError(_NO_COPY)
+
     def _observation(self, step) -> dict[str, np.ndarray]:
         return {key: getattr(step, key)[0] for key in _OBSERVED}
 
     def _info(self, step) -> dict[str, Any]:
         diverged = bool(step.diverged[0])
-        achieved = self._env.goal_space.achieved(step.achieved_goal[0], step.desired_goal[0])
-        return {"is_success": bool(achieved) and not diverged, "diverged": diverged}
+        achieved = self.goal_space.achieved(step.achieved_goal[0], step.desired_goal[0])
+        return {
+            "is_success": bool(achieved) and not diverged,
+            "diverged": diverged,
+            "achieved_subgoal": step.achieved_subgoal[0],
+        }
 
 
 def environment_id(name: str) -> str:
@@ -120,5 +167,19 @@ def register_all(names: Iterable[str]) -> None:
     """Registers the tasks of these names with Gymnasium."""
     for name in names:
         gymnasium.register(
-            id=environment_id(name), entry_point="tasks.to_gymnasium:GoalEnv", kwargs={"name": name}
+            id=environment_id(name),
+            entry_point="tasks.to_gymnasium:GoalEnv",
+            max_episode_steps=finding.spec(name).max_steps,
+            kwargs={"name": name},
         )
+
+
+def _options(options: Mapping[str, Any] | None) -> Mapping[str, Any]:
+    """The options of a reset, checked."""
+    given = options or {}
+    for name in given:
+        if name not in _OPTIONS:
+            raise ValueError(_NO_OPTION.format(name=name, options=", ".join(_OPTIONS)))
+    if not isinstance(given.get("test", False), bool | np.bool_):
+        raise ValueError(_NOT_A_BOOLEAN.format(value=given["test"]))
+    return given

@@ -14,13 +14,9 @@ wrist and effector clear of the floor.
 """
 
 import numpy as np
-from dm_control import composer
 
-from tasks import assets, base, goal_space, markers, registry
+from tasks import assets, base, goal_space, markers, registry, scenes, task_spec
 from tasks.robots import ur5
-
-_CONTROL_TIMESTEP = 0.01  # seconds
-_MAX_STEPS = 200  # control steps
 
 # Radians: shoulder pan, shoulder lift, elbow, wrists 1, 2 and 3.
 _TEST_JOINTS = np.array([0.0, -1.9, 2.2, -1.87, -np.pi / 2, 0.0])
@@ -47,10 +43,27 @@ _EFFECTOR_SPACE = goal_space.GoalSpace(
     threshold=np.full(3, _THRESHOLD),
 )
 
-# Columns of the readings, in the order of ur5.xml's sensors, and what each part is divided by.
+# Columns of the readings, in the order of ur5.xml's sensors.
 _COLUMNS = {"joints": slice(0, 6), "joint_velocities": slice(6, 12), "effector": slice(12, 15)}
-_SCALE = np.concatenate([np.full(6, np.pi), np.full(6, ur5.SPEED_LIMIT), np.ones(3)])
 
+_SPEC = task_spec.TaskSpec(
+    title="Bring the effector to a random point in front, a quarter turn or so away.",
+    control_timestep=0.01,  # seconds
+    max_steps=200,
+    goal_space=_EFFECTOR_SPACE,
+    subgoal_space=_EFFECTOR_SPACE,
+    observation={
+        "joints": (np.pi,) * 6,
+        "joint_velocities": (ur5.SPEED_LIMIT,) * 6,
+        "effector": (1.0, 1.0, 1.0),
+    },
+    action_bounds=assets.action_bounds(ur5.MJCF),
+)
+
+_CAMERAS = {
+    "front": scenes.Camera((-1.7, 0.0, 1.15), (0, -1, 0, 0.42, 0, 0.91)),
+    "side": scenes.Camera((-1.0, -1.35, 1.15), (0.8, -0.6, 0, 0.25, 0.34, 0.91)),
+}
 _GOAL_SIZE = (0.05, 0.05, 0.05)  # metres, half edges
 _SUBGOAL_SIZE = (0.04, 0.04, 0.04)
 
@@ -58,21 +71,23 @@ _SUBGOAL_SIZE = (0.04, 0.04, 0.04)
 class UR5Reacher(base.GoalTask):
     """Reach the goal with the effector, at any speed."""
 
-    def __init__(self, test: bool):
-        """Initialises the task; `test` says whether episodes begin from the test starts."""
+    def __init__(self, test: bool, spec: task_spec.TaskSpec = _SPEC):
+        """Initialises the task.
+
+        Args:
+          test: whether episodes begin from the test starts.
+          spec: another control step or number of them; everything else as in the suite's task. A
+            control step below the arm's physics step makes that as short.
+        """
         self._goal_marker = markers.Marker("goal", "cube", markers.GOAL_RGBA, _GOAL_SIZE)
-        self._subgoal_markers = [
-            markers.Marker(f"subgoal_{level}", "cube", rgba, _SUBGOAL_SIZE)
-            for level, rgba in enumerate(markers.SUBGOAL_RGBA)
-        ]
+        self._subgoal_markers = markers.subgoal_markers("cube", _SUBGOAL_SIZE)
+        arena = scenes.build(ur5.UR5(), cameras=_CAMERAS, solid_floor=True)
+        option = arena.mjcf_model.option
+        option.timestep = min(option.timestep, spec.control_timestep)
         super().__init__(
-            _build_arena(),
-            goal_space=_EFFECTOR_SPACE,
-            subgoal_space=_EFFECTOR_SPACE,
-            observation_scale=_SCALE,
+            arena,
+            spec,
             markers=[self._goal_marker, *self._subgoal_markers],
-            control_timestep=_CONTROL_TIMESTEP,
-            max_steps=_MAX_STEPS,
             test=test,
         )
 
@@ -140,22 +155,6 @@ def _direction(position: np.ndarray) -> float:
     return float(np.arctan2(position[1], position[0]))
 
 
-def _build_arena() -> composer.Arena:
-    arena = composer.Arena(xml_path=str(assets.MJCF_DIRECTORY / "arena.xml"))
-    model = arena.mjcf_model
-    floor = model.find("geom", "floor")
-    floor.contype, floor.conaffinity = 1, 1
-    arena.attach(ur5.UR5())
-    model.worldbody.add(
-        "camera", name="front", pos=(-1.7, 0.0, 1.15), xyaxes=(0, -1, 0, 0.42, 0, 0.91)
-    )
-    model.worldbody.add(
-        "camera", name="side", pos=(-1.0, -1.35, 1.15), xyaxes=(0.8, -0.6, 0, 0.25, 0.34, 0.91)
-    )
-    return arena
-
-
-@registry.add("ur5", "six_joints")
+@registry.add(_SPEC)
 def ur5_reacher(test: bool = False) -> UR5Reacher:
-    """Bring the effector to a random point in front, a quarter turn or so away."""
     return UR5Reacher(test)

@@ -62,15 +62,15 @@ class VectorEnv:
         self._physics = environment.physics
         self._closed = False
         self._task: base.GoalTask = environment.task
-        self.max_steps = self._task.max_steps
-        self.horizons = self._task.horizons
-        self.control_timestep = self._task.control_timestep
-        self.goal_space = self._task.goal_space
-        self.subgoal_space = self._task.subgoal_space
-        self.observation_scale = self._task.observation_scale
-        spec = environment.action_spec()
-        self.action_low = np.array(spec.minimum, dtype=np.float64)
-        self.action_high = np.array(spec.maximum, dtype=np.float64)
+        self.spec = self._task.spec
+        self.max_steps = self.spec.max_steps
+        self.horizons = self.spec.horizons
+        self.control_timestep = self.spec.control_timestep
+        self.goal_space = self.spec.goal_space
+        self.subgoal_space = self.spec.subgoal_space
+        self.observation_dim = self.spec.observation_dim
+        self.observation_scale = self.spec.observation_scale
+        self.action_low, self.action_high = self.spec.action_low, self.spec.action_high
         self._seeds = np.random.RandomState(seed)
         self._episode_random = np.random.RandomState(0)
         self._model = self._physics.model.ptr
@@ -79,7 +79,6 @@ class VectorEnv:
         self._readings = np.zeros((num_envs, self._task.readings(self._physics).size))
         self._goals = np.zeros((num_envs, self.goal_space.dim))
         self._diverged = np.zeros(num_envs, dtype=bool)
-        self.observation_dim = self._task.observation(self._readings).shape[-1]
         self.reset(np.zeros(num_envs, dtype=np.int64))
 
     def _build_simulations(self) -> None:

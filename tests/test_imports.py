@@ -41,6 +41,7 @@ ROOMS = {
 # What a house's own files may import of its rooms; everything, where a house is not named.
 OWN_FILES = {
     "hac_suite/__init__.py": {"algorithm", "learning", "training"},
+    "hac_suite/acting.py": {"algorithm"},
     "hac_suite/config.py": {"learning"},  # which learners there are
     "hac_suite/policy.py": {"learning"},  # networks
     "hac_suite": set(),
@@ -53,7 +54,7 @@ EXCEPTIONS = {
     "analysis/tuning.py": {"optuna"},
     "analysis/report/__main__.py": {"analysis"},  # a program: it takes analysis.program
 }
-MOST_FILES = 9  # in a room
+MOST_FILES = 9  # in a room; a house's own files in analysis and launch are programs
 
 
 def imported(source: str, path: str) -> Iterator[str]:
@@ -159,6 +160,6 @@ def test_every_room_was_walked():
     assert rooms == {*HOUSES, *ROOMS}
 
 
-@pytest.mark.parametrize("room", [*ROOMS, "analysis"])
+@pytest.mark.parametrize("room", [*ROOMS, "hac_suite"])
 def test_a_room_can_be_held_in_mind(room):
     assert len(list((ROOT / room).glob("[!_]*.py"))) <= MOST_FILES

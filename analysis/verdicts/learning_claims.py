@@ -1,6 +1,6 @@
 """Claims of section 4 about how fast and how well agents learn, judged from results.csv."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -24,6 +24,8 @@ _LEVELS = ((1, 1), (2, 1), (2, 2))  # subgoal layers of an agent, level that pro
 _CONSISTENT = f"seeds above {CONSISTENT:.0%} at the end"
 _STEPS = "median steps to goal / paper's"
 _MISSED = "fall in missed subgoals, first period to last three"
+_STILL_MISSED = "subgoals missed in training, last three periods"
+_MISSED_IN_TESTS = "subgoals missed in noise-free tests, last three periods"
 
 
 def judge_learning(grid: Grid) -> list[Claim]:
@@ -157,8 +159,20 @@ def _misses_get_rarer(grid: Grid) -> Claim:
         evidence.overall((item.verdict for item in items), absent),
         evidence.count(items, absent),
         _pooled_fall(falls) if falls else None,
-        tuple(items),
+        (*items, *_still_missed(grid, falls)),
     )
+
+
+def _still_missed(grid: Grid, levels: Iterable[tuple[str, int, int]]) -> Iterator[Evidence]:
+    """What a fall alone does not say: how many subgoals are missed in the end."""
+    for quantity, field in ((_STILL_MISSED, "achieved"), (_MISSED_IN_TESTS, "test_missed")):
+        for task, layers, level in levels:
+            own = late_missed(grid[task], layers, level, field).to_numpy()
+            if len(own):
+                yield Evidence(
+                    task, f"{layers}, level {level}", quantity, "share", (len(own),),
+                    float(own.mean()), *bootstrap([own], np.mean),
+                )  # fmt: skip
 
 
 def _pooled_fall(falls: Mapping[tuple[str, int, int], pd.Series]) -> Evidence:
@@ -180,14 +194,32 @@ def falls_in_missed(results: pd.DataFrame, layers: int, level: int) -> pd.Series
 
     Of the subgoals that `level` proposed in training; seeds without two periods are left out.
     """
-    column = schema.level_column(level, "achieved")
-    if column not in results:
-        return pd.Series(dtype=float)
-    own = results[results["subgoal_layers"] == layers].dropna(subset=column)
-    curves = {seed: 1 - curve[column].to_numpy() for seed, curve in own.groupby("seed")}
     falls = {
         seed: missed[0] - missed[max(1, len(missed) - _LATE_PERIODS) :].mean()
-        for seed, missed in curves.items()
+        for seed, missed in _missed(results, layers, level, "achieved").items()
         if len(missed) > 1
     }
     return pd.Series(falls, dtype=float)
+
+
+def late_missed(results: pd.DataFrame, layers: int, level: int, field: str) -> pd.Series:
+    """The share of subgoals that `level` missed in the last three periods, by seed.
+
+    Args:
+      field: "achieved": of those proposed in training, the share that was not; "test_missed": of
+        those in noise-free tests, the share that was missed and not merely cut short.
+    """
+    curves = _missed(results, layers, level, field)
+    return pd.Series(
+        {seed: own[-_LATE_PERIODS:].mean() for seed, own in curves.items()}, dtype=float
+    )
+
+
+def _missed(results: pd.DataFrame, layers: int, level: int, field: str) -> dict[int, np.ndarray]:
+    """By seed, the share of a level's subgoals that were missed, period by period."""
+    column = schema.level_column(level, field)
+    if column not in results:
+        return {}
+    own = results[results["subgoal_layers"] == layers].dropna(subset=column)
+    curves = {seed: curve[column].to_numpy() for seed, curve in own.groupby("seed")}
+    return {seed: 1 - c if field == "achieved" else c for seed, c in curves.items()}

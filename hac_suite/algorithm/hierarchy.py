@@ -12,7 +12,7 @@ import numpy as np
 from hac_suite.algorithm import exploration
 from hac_suite.algorithm.record import BY_EPISODE, Outcome, Round
 from hac_suite.config import Config
-from hac_suite.types import Actor, EnvStep, VectorEnv
+from hac_suite.types import Actor, EnvStep, Spaces, VectorEnv
 
 
 class StepView(NamedTuple):
@@ -28,11 +28,16 @@ class StepView(NamedTuple):
 
 
 class Hierarchy:
-    """Levels' goals, attempts and tests of N environments within one round."""
+    """Levels' goals, attempts and tests of N environments within one round.
+
+    `run` plays the round in environments of its own. Whoever steps the environments elsewhere
+    calls what it calls: `begin`, and then `choose` and `follow` by turns.
+    """
 
     def __init__(
         self,
-        env: VectorEnv,
+        spaces: Spaces,
+        num_envs: int,
         actors: Sequence[Actor],
         config: Config,
         horizons: tuple[int, ...],
@@ -41,16 +46,16 @@ class Hierarchy:
         """`draws` None means a test period: no noise, no subgoal tests, nothing recorded."""
         if len(actors) != len(horizons):
             raise ValueError(f"{len(actors)} actors for {len(horizons)} horizons.")
-        self._env, self._actors, self._config = env, actors, config
+        self._actors, self._config = actors, config
         self._horizons, self._draws = horizons, draws
         self._top = len(horizons) - 1
         self._held_to_attempts = draws is not None or not config.test_until_horizon
-        n, levels = env.num_envs, range(len(horizons))
-        sub = env.subgoal_space
-        self._centre = (np.asarray(env.action_high) + env.action_low) / 2
-        self._half_range = (np.asarray(env.action_high) - env.action_low) / 2
+        n, levels = num_envs, range(len(horizons))
+        sub = spaces.subgoal_space
+        self._centre = (np.asarray(spaces.action_high) + spaces.action_low) / 2
+        self._half_range = (np.asarray(spaces.action_high) - spaces.action_low) / 2
         widths = [len(self._centre)] + [sub.dim] * self._top
-        self._spaces = [sub] * self._top + [env.goal_space]
+        self._spaces = [sub] * self._top + [spaces.goal_space]
         self.goal = [np.zeros((n, space.dim)) for space in self._spaces]
         self.attempts = [np.zeros(n, np.int64) for _ in levels]
         self._output = [np.zeros((n, width)) for width in widths]
@@ -63,37 +68,50 @@ class Hierarchy:
 
     def run(
         self,
+        env: VectorEnv,
         episode_seeds: np.ndarray,
         *,
         test: bool = False,
         on_step: Callable[[StepView], None] | None = None,
     ) -> Round:
         """Runs an episode in every environment (Algorithm 1, its innermost loops)."""
-        env, horizon = self._env, self._env.max_steps
+        horizon = env.max_steps
         state = env.reset(episode_seeds, test=test)
-        self.goal[self._top] = state.desired_goal.copy()
-        self._active = ~state.diverged
-        recorded = 0 if self._draws is None else horizon
-        self._round = Round.empty(recorded, state, self._output, self.goal)
+        self.begin(state, horizon)
         for time in range(horizon):
-            self._propose(state.observation, time)
+            actions = self.choose(state.observation, time)
             if on_step and time == 0:
                 on_step(self._view(0, state))
-            self._act(state.observation, time)
-            stepped = self._active
-            state = env.step(self._centre + self._half_range * self._output[0], stepped)
-            reached = self._reached(state)
-            self._count(stepped, reached[self._top], state)
-            self._finish(time, state, reached, last=time + 1 == horizon)
+            state = env.step(actions, self._active)
+            self.follow(time, state, last=time + 1 == horizon)
             if on_step:
                 on_step(self._view(time + 1, state))
             if not self._active.any():
                 break
         return self._round
 
-    def _count(self, stepped: np.ndarray, succeeded: np.ndarray, state: EnvStep) -> None:
+    def begin(self, state: EnvStep, horizon: int) -> None:
+        """Takes the end goals of episodes of at most `horizon` steps that begin in `state`."""
+        self.goal[self._top] = state.desired_goal.copy()
+        self._active = ~state.diverged
+        recorded = 0 if self._draws is None else horizon
+        self._round = Round.empty(recorded, state, self._output, self.goal)
+
+    def choose(self, observation: np.ndarray, time: int) -> np.ndarray:
+        """The actions [N, A] in natural units after `time` earlier ones, given what is observed."""
+        self._propose(observation, time)
+        self._act(observation, time)
+        return self._centre + self._half_range * self._output[0]
+
+    def follow(self, time: int, state: EnvStep, *, last: bool) -> None:
+        """Takes note of the state that the actions of `time` led to; `last`: the horizon is up."""
+        reached = self._reached(state)
+        self._count(reached[self._top], state)
+        self._finish(time, state, reached, last)
+
+    def _count(self, succeeded: np.ndarray, state: EnvStep) -> None:
         outcome = self._round
-        outcome.steps[stepped] += 1
+        outcome.steps[self._active] += 1
         outcome.diverged[:] = state.diverged
         outcome.success[:] = (outcome.success | succeeded) & ~outcome.diverged
 
@@ -252,5 +270,5 @@ def collect(
         test: whether episodes start from the test distribution.
         on_step: called before the first action and after each one.
     """
-    hierarchy = Hierarchy(env, actors, config, horizons, draws)
-    return hierarchy.run(episode_seeds, test=test, on_step=on_step)
+    hierarchy = Hierarchy(env, env.num_envs, actors, config, horizons, draws)
+    return hierarchy.run(env, episode_seeds, test=test, on_step=on_step)

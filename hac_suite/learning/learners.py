@@ -5,10 +5,7 @@ import importlib
 import importlib.util
 from pathlib import Path
 from types import ModuleType
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:  # the config asks for names, and learners ask for the config
-    from hac_suite.learning.learner import Learner
+from typing import Any
 
 # A name, and the module and class that are imported once it is asked for.
 LEARNERS = {
@@ -33,7 +30,7 @@ def check(word: str) -> None:
     )
 
 
-def find(word: str) -> "type[Learner]":
+def find(word: str) -> type[Any]:  # of Learner, which needs the config, which needs the names
     """The learner of that name, or the class of one's own in FILE.py:CLASS.
 
     Raises:

@@ -77,6 +77,7 @@ class Training:
     Attributes:
         population: the agents, and what they have stored.
         env: in which they train.
+        test_seeds: int [seeds * test_episodes], what decides each episode of a test period.
     """
 
     def __init__(
@@ -97,7 +98,7 @@ class Training:
         self.env = self._make_env(len(seeds) * config.episodes_per_round)
         self._test_env = self._make_env(len(seeds) * config.test_episodes)
         self.population = Population(self.env, config, self._horizons, seeds, self._device)
-        self._test_seeds = self._episode_seeds(Purpose.TEST_EPISODE, 0, config.test_episodes)
+        self.test_seeds = self._episode_seeds(Purpose.TEST_EPISODE, 0, config.test_episodes)
         self._episodes = 0
         self._steps = np.zeros(len(seeds), np.int64)
         self._tally = self._new_tally()
@@ -210,7 +211,7 @@ class Training:
             self._config,
             self._horizons,
             None,
-            self._test_seeds,
+            self.test_seeds,
             test=True,
         )
         stats = EpisodeStats.of(run)

@@ -14,6 +14,8 @@ from ml_collections import ConfigDict, config_flags
 import hac_suite
 import tasks
 from analysis import program
+from hac_suite.learning import learners
+from hac_suite.learning.learner import Learner
 from launch.asking import lists, settings
 
 CONFIGS = Path(__file__).parents[1] / "configs"
@@ -147,6 +149,8 @@ def _request(values: flags.FlagValues, settings_given: ConfigDict) -> Request:
         _require("tensorboard", flag="tensorboard", extra="tensorboard")
     _check_ray(values)
     layers = lists.subgoal_layers(values.subgoal_layers)
+    config = settings.to_config(settings_given)
+    on_gpu = _learner(config.learner).on_gpu
     return Request(
         tasks=lists.tasks_named(values.task),
         subgoal_layers=layers,
@@ -160,8 +164,8 @@ def _request(values: flags.FlagValues, settings_given: ConfigDict) -> Request:
         other_versions=values.other_versions,
         executor=values.executor,
         ray_address=values.ray_address,
-        device="cpu" if values.executor == "ray" else _device(values.device),
-        config=settings.to_config(settings_given),
+        device="cpu" if values.executor == "ray" else _device(values.device, on_gpu),
+        config=config,
     )
 
 
@@ -197,12 +201,29 @@ def _require(package: str, *, flag: str, extra: str) -> None:
         )
 
 
-def _device(word: str) -> str:
+def _learner(word: str) -> type[Learner]:
+    """Raises CommandError where it is a class of one's own that cannot be loaded."""
+    try:
+        return learners.find(word)
+    except Exception as error:  # a file of one's own is code: it can raise anything
+        raise program.CommandError(f"config: {error}".splitlines()[0]) from error
+
+
+def _device(word: str, on_gpu: bool) -> str:
     """cpu or cuda.
 
+    Args:
+      on_gpu: whether the learner can be there.
+
     Raises:
-      CommandError: a GPU is asked for where torch sees none.
+      CommandError: a GPU is asked for where torch sees none, or for a learner that cannot use it.
     """
+    if not on_gpu:
+        if word == "cuda":
+            raise program.CommandError(
+                "flag --device=cuda: this --config.learner learns on CPUs only; leave --device out"
+            )
+        return "cpu"
     if torch.cuda.is_available():
         return "cuda" if word == "auto" else word
     if word == "cuda":

@@ -1,7 +1,9 @@
 """A study: trials of one agent that workers and machines share in a journal, and their budget."""
 
 import contextlib
+import functools
 import os
+import re
 import socket
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -46,7 +48,8 @@ class Asked(NamedTuple):
 
     @property
     def name(self) -> str:
-        learner = f"_{self.learner}" if self.learner else ""
+        # A learner of one's own is named by its file, as in my_learner.py:MyLearner.
+        learner = "_" + re.sub(r"\W+", "-", self.learner).strip("-") if self.learner else ""
         return f"{'+'.join(self.tasks)}_{self.subgoal_layers}layers{learner}"
 
 
@@ -65,21 +68,7 @@ class Study:
         self._lock = JournalFileOpenLock(f"{path}.claim")
         with self._alone():
             _mend(path)
-            backend = JournalFileBackend(str(path), JournalFileOpenLock(str(path)))
-            try:
-                storage = JournalStorage(backend)
-                self._study = optuna.create_study(
-                    storage=storage,
-                    sampler=optuna.samplers.TPESampler(
-                        n_startup_trials=8, multivariate=True, constant_liar=True
-                    ),
-                    pruner=optuna.pruners.MedianPruner(**_PRUNING),
-                    study_name=asked.name,
-                    direction="maximize",
-                    load_if_exists=True,
-                )
-            except (ValueError, KeyError, AttributeError, TypeError) as error:
-                raise CommandError(_NO_JOURNAL.format(path=path, error=error)) from error
+            self._study = _open(path, asked.name)
             self._check_same()
             self._enqueue_starts()
             if self._study.user_attrs.get("hours") != hours:
@@ -170,7 +159,7 @@ class Study:
         Raises:
           Buried: another worker took it for dead.
         """
-        self._note(trial, cpu_seconds=round(cpu_seconds, 2), alive=round(time.time()))
+        self._note(trial, cpu_seconds=cpu_seconds, alive=round(time.time()))
 
     def _note(self, trial: Trial, **notes: Any) -> None:
         try:
@@ -238,6 +227,27 @@ def _flat(pairs: Sequence[tuple[str, Any, Any]]) -> Iterator[tuple[str, Any, Any
             yield name, old, new
 
 
+def _open(path: Path, name: str) -> optuna.Study:
+    """The study in a journal; it is begun where there is none.
+
+    Raises:
+      CommandError: the file is no journal.
+    """
+    sampler = optuna.samplers.TPESampler(n_startup_trials=8, multivariate=True, constant_liar=True)
+    pruner = optuna.pruners.MedianPruner(**_PRUNING)
+    backend = JournalFileBackend(str(path), JournalFileOpenLock(str(path)))
+    try:
+        storage = JournalStorage(backend)
+        there = name in optuna.get_all_study_names(storage)
+        begin = optuna.load_study if there else _create
+        return begin(study_name=name, storage=storage, sampler=sampler, pruner=pruner)
+    except (ValueError, KeyError, AttributeError, TypeError) as error:
+        raise CommandError(_NO_JOURNAL.format(path=path, error=error)) from error
+
+
+_create = functools.partial(optuna.create_study, direction="maximize")
+
+
 def _mend(path: Path) -> None:
     """Cuts off a line that a kill left half written: nothing could be read after it.
 
@@ -262,7 +272,15 @@ def _mend(path: Path) -> None:
 
 def _worker() -> dict[str, Any]:
     """Which process this is, on which machine; its start tells it from a later one of that id."""
-    return {"host": socket.gethostname(), "pid": os.getpid(), "started": _started(os.getpid())}
+    return {**_machine(), "pid": os.getpid(), "started": _started(os.getpid())}
+
+
+def _machine() -> dict[str, Any]:
+    """This machine since it was booted: two of them can have one name."""
+    boot = None
+    with contextlib.suppress(OSError):
+        boot = Path("/proc/sys/kernel/random/boot_id").read_text(encoding="utf-8").strip()
+    return {"host": socket.gethostname(), "boot": boot}
 
 
 def _started(pid: int) -> str | None:
@@ -276,7 +294,7 @@ def _started(pid: int) -> str | None:
 def _lives(trial: FrozenTrial) -> bool:
     """Whether a running trial's process is still at it."""
     worker = trial.user_attrs.get("worker")
-    if worker and worker["host"] == socket.gethostname():
+    if worker and _machine().items() <= worker.items():
         return _exists(worker["pid"]) and _started(worker["pid"]) == worker["started"]
     begun = trial.datetime_start.timestamp() if trial.datetime_start else 0.0
     return time.time() - trial.user_attrs.get("alive", begun) < _SILENT_SECONDS

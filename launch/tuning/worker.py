@@ -1,5 +1,6 @@
 """Workers: each carries out trials of the study, one after another, until the budget is used up."""
 
+import math
 import multiprocessing
 import signal
 import time
@@ -34,7 +35,6 @@ class Plan(NamedTuple):
     train: trial.Train
     horizons: dict[str, tuple[int, dict[int, tuple[int, ...]]]]  # by task: max_steps, T of its own
     commit: str | None
-    beat_seconds: float = BEAT_SECONDS
 
 
 class _Stopped(Exception):
@@ -126,10 +126,18 @@ class _Trial:
 
     def run(self) -> bool:
         """Carries it out; returns whether it raised an error."""
-        study, claimed = self._study, self._claimed
+        claimed = self._claimed
         label = claimed.user_attrs.get("label")
         values = " ".join(f"{name}={_short(value)}" for name, value in claimed.params.items())
         _say(f"{self._name}{f' ({label})' if label else ''}: {values}")
+        try:
+            return self._carry_out()
+        except Buried:
+            _say(f"{self._name}: given up, another worker took it for dead")
+            return False
+
+    def _carry_out(self) -> bool:
+        study, claimed = self._study, self._claimed
         try:
             self._train()
         except _Stopped:
@@ -138,8 +146,8 @@ class _Trial:
         except _OutOfBudget:
             study.fail(claimed, again=True, ended="budget", **self._record())
             _say(f"{self._name}: ended, the budget is used up; with more --hours it begins again")
-        except Buried:
-            _say(f"{self._name}: given up, another worker took it for dead")
+        except (Buried, OSError):  # OSError: the journal cannot be written, such as to a full disk
+            raise
         except Exception as error:
             why = f"{type(error).__name__}: {error}".splitlines()[0]
             traceback.print_exc()
@@ -159,6 +167,7 @@ class _Trial:
             success = sum(curve.mean() for curve in curves) / len(curves)
             if period == 0:
                 continue
+            study.beat(claimed, self._cpu_seconds())
             prune = study.report(claimed, period, success)
             _say(f"{self._name}: period {period} of {periods}: {self._line(success)}")
             if prune and period < periods:
@@ -193,7 +202,7 @@ class _Trial:
     def _on_round(self) -> None:
         if self._stopped():
             raise _Stopped
-        if time.monotonic() - self._beat >= self._plan.beat_seconds:
+        if time.monotonic() - self._beat >= BEAT_SECONDS:
             self._beat = time.monotonic()
             self._study.beat(self._claimed, self._cpu_seconds())
             self._others = self._study.core_hours(but=self._claimed.number)
@@ -201,14 +210,13 @@ class _Trial:
             raise _OutOfBudget
 
     def _cpu_seconds(self) -> float:
-        """What it has cost; it has no processes of its own."""
-        return time.process_time() - self._began
+        """What it has cost, never nothing; it has no processes of its own."""
+        return math.ceil(1000 * (time.process_time() - self._began)) / 1000
 
     def _record(self) -> dict:
         """What stays in the journal of a trial, however it ended."""
-        cpu_seconds = round(self._cpu_seconds(), 2)
         own = {"commit": self._plan.commit, "versions": manifest.versions()}
-        return {"curves": trial.as_json(self._curves), **own, "cpu_seconds": cpu_seconds}
+        return {"curves": trial.as_json(self._curves), **own, "cpu_seconds": self._cpu_seconds()}
 
     def _line(self, success: float) -> str:
         each = ", ".join(f"{curve.agent.task} {curve.mean():.0%}" for curve in self._curves)

@@ -12,13 +12,14 @@ DH_D = (0.089159, 0.0, 0.0, 0.10915, 0.09465, 0.0823)
 DH_ALPHA = (np.pi / 2, 0.0, 0.0, np.pi / 2, -np.pi / 2, 0.0)
 
 SPEED_LIMIT = np.pi  # rad/s, every joint
+MJCF = "ur5.xml"
 
 
 class UR5(composer.Entity):
     """The UR5, standing at its attachment frame. Its weight is compensated."""
 
     def _build(self):
-        self._mjcf_root = assets.load_mjcf("ur5.xml")
+        self._mjcf_root = assets.load_mjcf(MJCF)
 
     @property
     def mjcf_model(self):

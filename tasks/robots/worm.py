@@ -5,6 +5,7 @@ from dm_control import composer
 
 from tasks import assets
 
+MJCF = "worm.xml"
 BASE_HEIGHT = 0.1  # metres from the floor to the shoulder, as in worm.xml
 LINK_LENGTH = 0.4  # metres, each of the two links
 ELBOW_LIMIT = 2.6  # radians either way
@@ -19,7 +20,7 @@ class Worm(composer.Entity):
     """The worm. Its joints read 0 upright and lean towards +x; its weight is compensated."""
 
     def _build(self):
-        self._mjcf_root = assets.load_mjcf("worm.xml")
+        self._mjcf_root = assets.load_mjcf(MJCF)
 
     @property
     def mjcf_model(self):

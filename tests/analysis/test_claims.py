@@ -9,7 +9,7 @@ import pytest
 from analysis.claims import COLUMNS, WHY_FILE, judge, main
 from analysis.reading import paper
 from analysis.verdicts.evidence import NOT_SUPPORTED, SUPPORTED, UNDECIDED
-from analysis.verdicts.learning_claims import falls_in_missed
+from analysis.verdicts.learning_claims import falls_in_missed, late_missed
 from analysis.verdicts.speed_claims import areas, common_budget, episodes_to_solved
 
 
@@ -151,6 +151,15 @@ def test_falls_in_missed_subgoals_by_hand(make_results):
     falls = falls_in_missed(results, 1, 1)
     assert falls.to_dict() == pytest.approx({0: 0.4, 1: -0.25})
     assert falls_in_missed(results, 1, 2).empty
+
+
+def test_what_is_still_missed_by_hand(make_results):
+    results = make_results({1: [[0.0, 0.2, 0.4, 0.6, 0.8], [0.0, 0.5, 0.25]]})
+    results["level1_test_missed"] = results["period"] / 10
+    missed = late_missed(results, 1, 1, "achieved")
+    assert missed.to_dict() == pytest.approx({0: 0.4, 1: 0.625})
+    assert late_missed(results, 1, 1, "test_missed").to_dict() == pytest.approx({0: 0.3, 1: 0.1})
+    assert late_missed(results, 2, 1, "test_missed").empty
 
 
 def test_command_line_prints_and_writes_every_claim(make_grid, tmp_path, capsys):

@@ -22,6 +22,7 @@ from rich.table import Table  # noqa: E402
 from analysis.reading.files import write_text  # noqa: E402
 from launch.folder import manifest  # noqa: E402
 from tests.bench import growth, limits, panel, same_work, stepping  # noqa: E402
+from tests.bench.peers import curves  # noqa: E402
 from tests.bench.repeats import REPEATS  # noqa: E402
 
 OUTPUT = Path(__file__).resolve().parents[2] / "analysis" / "data" / "bench.json"
@@ -34,6 +35,7 @@ PARTS: dict[str, Part] = {
     "gemm": limits.gemm,
     "panel": panel.panel,
     "growth": growth.growth,
+    "peers": curves.peers,
 }
 
 

@@ -1,19 +1,25 @@
-"""Policies as files: whole, small, and nothing that runs."""
+"""Policies as files, whole, small and nothing that runs; and how they act, step by step."""
 
+import itertools
 import json
 import pickle
+from pathlib import Path
 
 import numpy as np
 import pytest
 import safetensors.torch
 import torch
 
+import tasks
+from hac_suite.algorithm.hierarchy import StepView
 from hac_suite.learning.networks import StackedMLP
 from hac_suite.policy import Policy
+from hac_suite.training.evaluation import run_episodes
 from hac_suite.types import level_specs
-from tests.hac_suite.tiny_envs import PointEnv
+from tests.hac_suite.tiny_envs import PointEnv, Step
 
 HORIZONS = (4, 3)
+PUBLISHED = Path(__file__).resolve().parents[2] / "assets" / "policies"
 
 
 @pytest.fixture
@@ -101,3 +107,105 @@ def test_a_missing_policy_is_named(tmp_path):
 def test_metadata_is_plain_json(policy, tmp_path):
     policy.save(tmp_path / "p", {"success_rate": 0.5})
     assert json.loads((tmp_path / "p.json").read_text())["success_rate"] == 0.5
+
+
+def agent(layers: int) -> Policy:
+    """An untrained agent of the point, whose subgoals are often missed and sometimes achieved."""
+    sizes = [(6, 8, 2)] * layers + [(5, 8, 2)]
+    networks = [StackedMLP(1, size) for size in sizes]
+    for level, network in enumerate(networks):
+        network.initialise(0, torch.Generator().manual_seed(level), last=2.0)
+    return Policy(networks, (3, 2, 2)[: layers + 1])
+
+
+def far_point() -> PointEnv:
+    return PointEnv(1, max_steps=30, goal_threshold=1e-4)
+
+
+def played(policy: Policy, env, seed: int) -> tuple[list, list, list]:
+    """Actions and subgoals of a test episode as `run_episodes` plays it, and its states."""
+    actions, subgoals, steps = [], [], []
+    step = env.step
+
+    def watched(chosen: np.ndarray, mask: np.ndarray) -> Step:
+        actions.append(chosen[0].copy())
+        return step(chosen, mask)
+
+    def on_step(view: StepView) -> None:
+        subgoals.append([goal[0].copy() for goal in view.subgoals])
+        steps.append(view.env_step)
+
+    env.step = watched
+    run_episodes(env, policy, np.array([seed]), on_step=on_step)
+    return actions, subgoals, steps
+
+
+@pytest.mark.parametrize("layers", [0, 1, 2])
+@pytest.mark.parametrize("seed", range(4))
+def test_acting_step_by_step_is_what_tests_play(layers, seed):
+    policy = agent(layers)
+    actions, subgoals, steps = played(policy, far_point(), seed)
+    assert len(actions) == 30  # its goal is too small to be achieved
+    for _ in range(2):  # what an episode leaves behind is gone at the next
+        policy.reset(PointEnv(1))
+        for expected, step in zip(actions, steps, strict=False):
+            action = policy.act(step.observation[0], step.desired_goal[0], step.achieved_subgoal[0])
+            np.testing.assert_array_equal(action, expected)
+    changes = [np.any(a[0] != b[0]) for a, b in itertools.pairwise(subgoals) if layers]
+    assert not layers or 0 < sum(changes) < len(changes)
+
+
+def test_a_published_agent_acts_in_its_task_as_in_tests():
+    policy = Policy.load(PUBLISHED / "pick_place_2layers_seed1")
+    for seed in (0, 1):
+        actions, _, steps = played(policy, tasks.load_vector("pick_place", 1), seed)
+        assert len(actions) > 30
+        policy.reset(tasks.spec("pick_place"))
+        for expected, step in zip(actions, steps, strict=False):
+            action = policy.act(step.observation[0], step.desired_goal[0], step.achieved_subgoal[0])
+            np.testing.assert_array_equal(action, expected)
+
+
+def test_a_flat_agent_needs_no_achieved_subgoal():
+    policy = agent(0)
+    (first, *_), _, (start, *_) = played(policy, far_point(), 1)
+    policy.reset(PointEnv(1))
+    np.testing.assert_array_equal(policy.act(start.observation[0], start.desired_goal[0]), first)
+
+
+def test_the_end_goal_may_move_within_an_episode():
+    policy = agent(0)
+    policy.reset(PointEnv(1))
+    moved = [policy.act(np.zeros(4), np.array([goal])) for goal in (-0.5, 0.5, -0.5)]
+    assert (moved[0] != moved[1]).any()
+    np.testing.assert_array_equal(moved[0], moved[2])
+
+
+@pytest.mark.parametrize(
+    ("arguments", "problem"),
+    [
+        ((np.zeros(3), np.zeros(1), np.zeros(2)), "observation must be 4 finite numbers"),
+        ((np.zeros((1, 4)), np.zeros(1), np.zeros(2)), "observation must be 4"),
+        ((np.full(4, np.nan), np.zeros(1), np.zeros(2)), "observation must be 4"),
+        ((np.zeros(4), np.zeros(2), np.zeros(2)), "goal must be 1"),
+        ((np.zeros(4), np.zeros(1), np.zeros(1)), "achieved_subgoal must be 2"),
+        ((np.zeros(4), np.zeros(1)), "needs achieved_subgoal"),
+    ],
+)
+def test_what_an_agent_cannot_act_on_is_refused(arguments, problem):
+    policy = agent(1)
+    policy.reset(PointEnv(1))
+    with pytest.raises(ValueError, match=problem):
+        policy.act(*arguments)
+
+
+def test_acting_before_an_episode_has_begun_is_refused():
+    with pytest.raises(ValueError, match="call reset"):
+        agent(1).act(np.zeros(4), np.zeros(1), np.zeros(2))
+
+
+def test_the_spec_of_another_task_is_refused(policy):
+    env = PointEnv(1)
+    env.observation_scale = np.ones(7)
+    with pytest.raises(ValueError, match="it is of another task"):
+        policy.reset(env)

@@ -10,7 +10,7 @@ def test_below_the_marker_is_where_cart_and_marker_overlap():
     env.reset()
     size = env.physics.named.model.geom_size
     reach = size["cartpole/cart", 0] + size["goal/shape", 0]
-    space = env.task.goal_space
+    space = env.task.spec.goal_space
     goal = [0.0, 2.2, 0.0, 0.0]
     assert space.threshold[-1] == pytest.approx(reach)
     assert space.achieved([0.0, 2.2, 0.0, 0.99 * reach], goal)

@@ -8,11 +8,10 @@ from dm_control import composer
 from dm_env import test_utils
 
 import tasks
-from tasks import base, markers, registry
+from tasks import base, markers
 from tests.tasks import scripted
 
 _EVERY_TASK = pytest.mark.parametrize("name", tasks.ALL)
-_SUBGOALS = tuple(f"subgoal_{level}" for level in range(markers.SUBGOAL_LEVELS))
 
 
 def _random_actions(environment, count, seed=0):
@@ -41,21 +40,39 @@ def test_specs(name):
     environment = tasks.load(name, seed=1)
     task = environment.task
     assert isinstance(task, base.GoalTask)
-    assert environment.control_timestep() == task.control_timestep
-    action_spec = environment.action_spec()
-    assert np.isfinite(action_spec.minimum).all()
-    assert (action_spec.minimum < action_spec.maximum).all()
-
     spec = environment.observation_spec()
     timestep = environment.reset()
     assert list(spec) == list(timestep.observation)
     for key, part in timestep.observation.items():
         spec[key].validate(part)
         assert np.isfinite(part).all(), key
-    assert spec["achieved_goal"].shape == spec["desired_goal"].shape == (task.goal_space.dim,)
-    for key in _SUBGOALS:
-        assert spec[key].shape == (task.subgoal_space.dim,)
-        assert not timestep.observation[key].any()
+
+
+@_EVERY_TASK
+def test_what_the_spec_says_is_what_was_compiled(name):
+    spec, environment = tasks.spec(name), tasks.load(name, seed=1)
+    task, actions, model = environment.task, environment.action_spec(), environment.physics.model
+    assert tasks.find(name).spec is spec is task.spec
+    assert environment.control_timestep() == spec.control_timestep
+    steps = spec.control_timestep / model.opt.timestep
+    assert steps == pytest.approx(round(steps)) and round(steps) >= 1
+    np.testing.assert_array_equal(spec.action_low, actions.minimum)
+    np.testing.assert_array_equal(spec.action_high, actions.maximum)
+    observation = environment.reset().observation
+    points = ("achieved_goal", "achieved_subgoal", "desired_goal")
+    assert list(observation) == [*spec.observation, *points]
+    for part, scale in spec.observation.items():
+        assert observation[part].shape == (len(scale),)
+    readings = task.readings(environment.physics)
+    np.testing.assert_array_equal(spec.flat(observation), task.observation(readings))
+    assert len(spec.observation_names) == len(set(spec.observation_names)) == spec.observation_dim
+    assert observation["achieved_goal"].shape == (spec.goal_space.dim,)
+    assert observation["achieved_subgoal"].shape == (spec.subgoal_space.dim,)
+    assert spec.title.endswith(".")
+    env = tasks.load_vector(name, 1)
+    for field in ("max_steps", "control_timestep", "goal_space", "subgoal_space", "horizons"):
+        assert getattr(env, field) is getattr(spec, field), field
+    assert env.observation_dim == spec.observation_dim
 
 
 @_EVERY_TASK
@@ -147,10 +164,10 @@ def test_reward_is_minus_one_and_the_horizon_truncates(name):
     environment = tasks.load(name, seed=3, test=True)
     environment.reset()
     motionless = np.zeros(environment.action_spec().shape)
-    for t in range(1, environment.task.max_steps + 1):
+    for t in range(1, environment.task.spec.max_steps + 1):
         timestep = environment.step(motionless)
         assert (timestep.reward, timestep.discount) == (-1.0, 1.0)
-        assert timestep.last() == (t == environment.task.max_steps)
+        assert timestep.last() == (t == environment.task.spec.max_steps)
     assert environment.step(motionless).first()
 
 
@@ -168,33 +185,19 @@ def test_success_ends_the_episode_with_reward_and_discount_zero(name):
 
 
 @_EVERY_TASK
-def test_current_subgoals_are_observed(name):
-    environment = tasks.load(name, seed=4)
-    environment.reset()
-    space = environment.task.subgoal_space
-    subgoals = [space.denormalise(np.full(space.dim, value)) for value in (0.5, -0.5)]
-    environment.task.set_subgoals(environment.physics, subgoals)
-    action = np.zeros(environment.action_spec().shape)
-    timestep = environment.step(action)
-    for key, subgoal in zip(_SUBGOALS, subgoals, strict=True):
-        np.testing.assert_array_equal(timestep.observation[key], subgoal)
-    environment.task.set_subgoals(environment.physics, [None])
-    timestep = environment.step(action)
-    assert not any(timestep.observation[key].any() for key in _SUBGOALS)
-
-
-@_EVERY_TASK
 def test_markers_have_no_effect_on_the_trajectory(name):
     """Markers that jump about, in the bodies' midst, change no bit of the state."""
     hidden, shown = tasks.load(name, seed=6), tasks.load(name, seed=6)
     actions = _random_actions(hidden, 60)
     random_state = np.random.RandomState(1)
-    space = shown.task.subgoal_space
+    space = shown.task.spec.subgoal_space
 
     def show(t):
-        subgoals = [random_state.uniform(space.low, space.high) for _ in _SUBGOALS]
+        subgoals = [
+            random_state.uniform(space.low, space.high) for _ in range(markers.SUBGOAL_LEVELS)
+        ]
         subgoals[0] = shown.task.achieved_subgoal(shown.task.readings(shown.physics))
-        shown.task.set_subgoals(shown.physics, subgoals)
+        shown.task.place_subgoal_markers(shown.physics, subgoals)
         shown.task.place_goal_marker(
             shown.physics, shown.task.achieved_goal(shown.task.readings(shown.physics))
         )
@@ -278,7 +281,7 @@ def test_the_goal_is_reachable(name):
 
 @_EVERY_TASK
 def test_an_impossible_draw_ends_with_a_clear_error(name):
-    task = registry.get(name)()
+    task = tasks.find(name).factory()
     with pytest.raises(composer.EpisodeInitializationError, match=r"no valid start in .* attempts"):
         task.draw("start", lambda: 0, lambda value: False)
 

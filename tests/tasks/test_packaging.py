@@ -1,4 +1,4 @@
-"""An installation that is not editable finds its MJCF files too."""
+"""An installation that is not editable finds its MJCF files and policies too."""
 
 from pathlib import Path
 
@@ -8,7 +8,7 @@ from setuptools.config import pyprojecttoml
 ROOT = Path(__file__).resolve().parents[2]
 
 
-def test_every_mjcf_file_is_installed_beside_the_tasks(monkeypatch):
+def test_every_asset_is_installed_beside_the_tasks(monkeypatch):
     monkeypatch.chdir(ROOT)
     distribution = setuptools.Distribution()
     pyprojecttoml.apply_configuration(distribution, ROOT / "pyproject.toml")
@@ -19,6 +19,9 @@ def test_every_mjcf_file_is_installed_beside_the_tasks(monkeypatch):
         Path(*package.split("."), file)
         for package, _, _, files in build.data_files
         for file in files
+        if package.startswith("assets")
     }
-    assert installed == {path.relative_to(ROOT) for path in (ROOT / "assets").rglob("*.xml")}
-    assert installed and "tasks" in distribution.packages
+    assets = {path.relative_to(ROOT) for path in (ROOT / "assets").rglob("*") if path.is_file()}
+    assert installed == assets
+    assert {path.suffix for path in assets} == {".xml", ".json", ".safetensors"}
+    assert {"tasks", "launch.configs"} <= set(distribution.packages)

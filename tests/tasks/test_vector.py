@@ -6,7 +6,6 @@ import pytest
 from dm_control.rl import control
 
 import tasks
-from tasks import registry
 
 _SEEDS = np.array([3, 141, 2**32 - 1])
 _MADE = ("observation", "achieved_goal", "achieved_subgoal", "desired_goal")
@@ -60,7 +59,7 @@ def test_equals_composer_over_whole_episodes(name, test):
     assert not step.diverged.any()
 
 
-_WITH_EVENTS = [name for name in tasks.ALL if registry.get(name)().has_event]
+_WITH_EVENTS = [name for name in tasks.ALL if tasks.find(name).factory().has_event]
 
 
 @pytest.mark.parametrize("name", _WITH_EVENTS)

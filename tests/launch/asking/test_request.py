@@ -57,6 +57,16 @@ def test_overrides_change_one_field_each():
     assert config.learning_rate == hac_suite.PRESETS["paper"].learning_rate
 
 
+def test_a_learner_and_its_keys_are_flags():
+    config = parse(
+        "--config.learner=td3", "--config.target_noise=0.1", "--config.target_noise_clip=1",
+        "--config.policy_delay=3",
+    ).config  # fmt: skip
+    assert (config.learner, config.policy_delay) == ("td3", 3)
+    assert (config.target_noise, config.target_noise_clip) == (0.1, 1.0)
+    assert parse().config.learner == "ddpg"
+
+
 @pytest.mark.parametrize(
     ("word", "answer"),
     [
@@ -91,8 +101,8 @@ def test_overrides_change_one_field_each():
         ("--executor=rai", "--executor=rai: value should be one of <local|ray>"),
         ("--device=gpu", "--device=gpu: value should be one of <cpu|cuda|auto>"),
         ("pick_place", "unexpected word 'pick_place'"),
-        ("--config=nope.py", "no config file 'nope.py'; there are launch/configs/paper.py"),
-        ("--config nope.py", "no config file 'nope.py'; there are launch/configs/paper.py"),
+        ("--config=nope.py", "no config file 'nope.py'; there are launch/configs/candidate.py"),
+        ("--config nope.py", "no config file 'nope.py'; there are launch/configs/candidate.py"),
         ("--config", "--config: it takes a file"),
         ("--config=", "no config file ''"),
         ("--config.batch_sze=3", "unknown config key 'batch_sze': did you mean 'batch_size'?"),
@@ -101,6 +111,10 @@ def test_overrides_change_one_field_each():
         ("--config.discount=7", "discount is 7.0"),
         ("--config.hidden_sizes=(3,2.5)", "hidden_sizes takes a tuple like (64, 64, 64)"),
         ("--config.test_draw=sometimes", "test_draw is 'sometimes'"),
+        ("--config.learner=td4", "config: learner is 'td4'; did you mean 'td3'?"),
+        ("--config.learner=nowhere.py:Mine", "config: learner is in 'nowhere.py', and there is no"),
+        ("--config.learner=td3 --config.target_rate=0", "target_rate is 0.0; it must be above 0"),
+        ("--config.learner=td3 --device=cuda", "flag --device=cuda: this --config.learner learns"),
     ],
 )
 def test_bad_input_is_answered_in_one_line(word, answer):
@@ -130,6 +144,7 @@ def test_a_gpu_is_taken_only_where_there_is_one(monkeypatch):
     with pytest.raises(CommandError, match=r"--device=cuda: the installed torch .*--device=auto"):
         parse("--device=cuda")
     monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
+    assert parse("--device=auto", "--config.learner=td3").device == "cpu"
     assert [parse(f"--device={word}").device for word in ("cpu", "cuda", "auto")] == [
         "cpu",
         "cuda",

@@ -1,0 +1,70 @@
+"""One agent in one episode that somebody else steps: an observation in, an action out."""
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from hac_suite.algorithm.hierarchy import Hierarchy
+from hac_suite.config import PAPER
+from hac_suite.types import Actor, Spaces
+
+_WRONG = "{what} must be {size} finite numbers, got {value!r}"
+_NO_SUBGOAL = "an agent with subgoal layers needs achieved_subgoal: where it is among its subgoals"
+
+
+class _Seen(NamedTuple):
+    """What the hierarchy is told of a state: a row each."""
+
+    observation: np.ndarray  # [1, D]
+    achieved_goal: np.ndarray  # [1, G]
+    achieved_subgoal: np.ndarray  # [1, H]
+    desired_goal: np.ndarray  # [1, G]
+    diverged: np.ndarray  # bool [1]
+
+
+class Episode:
+    """A hierarchy's goals and attempts in an episode, whose end is for the caller to see."""
+
+    def __init__(self, spec: Spaces, actors: Sequence[Actor], horizons: tuple[int, ...]):
+        self._spec, self._layers = spec, len(horizons) - 1
+        self._hierarchy = Hierarchy(spec, 1, actors, PAPER, horizons, None)
+        self._time = 0
+
+    def act(self, observation: Any, goal: Any, achieved_subgoal: Any) -> np.ndarray:
+        """The action [A] for an observation [D], end goal [G] and achieved subgoal [H].
+
+        Raises:
+            ValueError: one of them is missing or not so many finite numbers.
+        """
+        seen = self._seen(observation, goal, achieved_subgoal)
+        if self._time == 0:
+            self._hierarchy.begin(seen, horizon=0)
+        else:
+            self._hierarchy.follow(self._time - 1, seen, last=False)
+        self._hierarchy.goal[-1][:] = seen.desired_goal  # it may have moved
+        action = self._hierarchy.choose(seen.observation, self._time)[0]
+        self._time += 1
+        return action
+
+    def _seen(self, observation: Any, goal: Any, achieved_subgoal: Any) -> _Seen:
+        subgoals, goals = self._spec.subgoal_space.dim, self._spec.goal_space.dim
+        if achieved_subgoal is None:
+            if self._layers:
+                raise ValueError(_NO_SUBGOAL)
+            achieved_subgoal = np.zeros(subgoals)
+        return _Seen(
+            observation=_row("observation", observation, len(self._spec.observation_scale)),
+            # Not known, and so never the end goal: an episode that goes on has not achieved it.
+            achieved_goal=np.full((1, goals), np.nan),
+            achieved_subgoal=_row("achieved_subgoal", achieved_subgoal, subgoals),
+            desired_goal=_row("goal", goal, goals),
+            diverged=np.zeros(1, bool),
+        )
+
+
+def _row(what: str, value: Any, size: int) -> np.ndarray:
+    row = np.asarray(value, np.float64)
+    if row.shape != (size,) or not np.isfinite(row).all():
+        raise ValueError(_WRONG.format(what=what, size=size, value=value))
+    return row[np.newaxis]

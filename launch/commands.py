@@ -1,0 +1,32 @@
+"""The console commands `hac-run`, `hac-play`, ...: each is the program of that name in this folder.
+
+A program's own `__main__` part is run, which sets what numpy, torch and mujoco read when they are
+imported; so nothing that imports them may be imported here.
+"""
+
+import runpy
+
+
+def run() -> None:
+    """`hac-run` is `python launch/run.py`: trains agents on tasks."""
+    _program("launch.run")
+
+
+def play() -> None:
+    """`hac-play` is `python launch/play.py`: renders a trained policy."""
+    _program("launch.play")
+
+
+def doctor() -> None:
+    """`hac-doctor` is `python launch/doctor.py`: says what this machine can do."""
+    _program("launch.doctor")
+
+
+def status() -> None:
+    """`hac-status` is `python launch/status.py`: says how an experiment stands."""
+    _program("launch.status")
+
+
+def _program(module: str) -> None:
+    """Runs a module as if it had been typed; it ends with SystemExit."""
+    runpy.run_module(module, run_name="__main__")

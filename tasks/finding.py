@@ -1,0 +1,164 @@
+"""From a word to a task: a registered name, or a task in a file of one's own."""
+
+import difflib
+import functools
+import importlib.util
+import re
+import sys
+import traceback
+import zlib
+from collections.abc import Callable, Iterable, Mapping
+from pathlib import Path
+
+from dm_control import composer
+
+# Importing a task's module registers it; this order is the order of `ALL`.
+# isort: off
+from tasks import pendulum  # noqa: F401
+from tasks import ur5_reacher  # noqa: F401
+from tasks import cartpole  # noqa: F401
+from tasks import pick_place  # noqa: F401
+
+# isort: on
+from tasks import registry
+from tasks.task_spec import TaskSpec
+from tasks.vector import VectorEnv
+
+ALL: tuple[str, ...] = tuple(registry.names())
+
+_UNKNOWN = "unknown task {word!r}: {remedy}"
+_ANY = "it is one of {names}, or path/to/file.py:name"
+_NO_NAME = "task file {path}: say which of its tasks, as in {path}:{name}"
+_NO_FILE = "task file {path}: there is no such file"
+_BROKEN = "task file {path}{where}: {error}"
+_NOT_THERE = "task file {path} registers no task {name!r}: {remedy}"
+
+
+def find(word: str) -> registry.Entry:
+    """The task that a word names.
+
+        task = tasks.find("pick_place")
+        task.spec.max_steps, task.load(seed=0), task.load_vector(64)
+
+    Args:
+      word: the name of a registered task; or `path/to/file.py:name`, a task that a Python file of
+        one's own registers as the suite's files do, with `tasks.registry.add`. The file is run
+        once in a process. Its tasks cannot collide with the suite's: their name is the file's, a
+        dash, and their own.
+
+    Raises:
+      ValueError: there is no such task, or its file does not run; one line says what to do.
+    """
+    for look in _LOOKS:
+        entry = look(word)
+        if entry is not None:
+            return entry
+    remedy = _did_you_mean(word, registry.names()) or _ANY.format(names=_listed(registry.names()))
+    raise ValueError(_UNKNOWN.format(word=word, remedy=remedy))
+
+
+def spec(word: str) -> TaskSpec:
+    """The spaces, steps and scales of the task that a word names (see `find`).
+
+    No physics is compiled for it.
+    """
+    return find(word).spec
+
+
+def load(word: str, seed: int | None = None, *, test: bool = False) -> composer.Environment:
+    """Loads a task as a Composer environment with the `dm_env` interface.
+
+    Args:
+      word: one of `ALL`, or any other that `find` knows.
+      seed: decides all randomness of the environment; None takes one from the system.
+      test: whether episodes begin from the test starts rather than the training starts.
+
+    Raises:
+      ValueError: there is no such task; the message names the closest.
+    """
+    return find(word).load(seed, test=test)
+
+
+def load_vector(word: str, num_envs: int, seed: int = 0) -> VectorEnv:
+    """Loads a task as `num_envs` environments stepped together (see `tasks.vector`).
+
+    Args:
+      word: one of `ALL`, or any other that `find` knows.
+      num_envs: how many environments, at least 1.
+      seed: decides the episodes of resets that are given no seeds.
+
+    Raises:
+      ValueError: there is no such task, or fewer than one environment.
+    """
+    return find(word).load_vector(num_envs, seed)
+
+
+def _in_a_file(word: str) -> registry.Entry | None:
+    """The task of `path/to/file.py:name`; None for words of another form."""
+    path, _, name = word.rpartition(":")
+    if word.endswith(".py"):
+        path, name = word, ""
+    if not path.endswith(".py"):
+        return None
+    if not Path(path).is_file():
+        raise ValueError(_NO_FILE.format(path=path))
+    found = _tasks_of(Path(path).resolve())
+    if name in found:
+        return found[name]
+    if not name and found:
+        raise ValueError(_NO_NAME.format(path=path, name=next(iter(found))))
+    remedy = _did_you_mean(name, found) or (
+        f"it registers {_listed(found)}" if found else "it registers none with tasks.registry.add"
+    )
+    raise ValueError(_NOT_THERE.format(path=path, name=name, remedy=remedy))
+
+
+# What can answer a word, asked in turn. Words of another form get a function of their own here,
+# which returns None for words that are not of its form.
+_LOOKS: tuple[Callable[[str], registry.Entry | None], ...] = (registry.get, _in_a_file)
+
+
+@functools.cache
+def _tasks_of(path: Path) -> Mapping[str, registry.Entry]:
+    """Runs a task file and returns what it registers, by the name that the file gave it.
+
+    Raises:
+      ValueError: it cannot be run; the message says where and why, in one line.
+    """
+    stem = re.sub(r"\W", "_", path.stem, flags=re.ASCII)
+    # A name that no other module has, so that two files may be called alike.
+    name = f"{stem}_{zlib.crc32(str(path).encode()):08x}"
+    module_spec = importlib.util.spec_from_file_location(name, path)
+    assert module_spec and module_spec.loader  # there is one for every .py
+    module = importlib.util.module_from_spec(module_spec)
+    sys.modules[name] = module  # as for an import: what is pickled looks for its module there
+    try:
+        with registry.collecting() as found:
+            module_spec.loader.exec_module(module)
+    except (Exception, SystemExit) as error:  # a file of one's own can raise anything
+        del sys.modules[name]
+        raise ValueError(_broken(path, error)) from error
+    return {
+        own: registry.Entry(f"{stem}-{own}", f"{path}:{own}", entry.spec, entry.factory)
+        for own, entry in found.items()
+    }
+
+
+def _broken(path: Path, error: BaseException) -> str:
+    """What went wrong in a task file, and in which of its lines, in one line of text."""
+    if isinstance(error, SyntaxError) and error.filename == str(path):
+        line, reason = error.lineno, f"it is not Python: {error.msg}"
+    else:
+        steps = traceback.extract_tb(error.__traceback__)
+        line = next((s.lineno for s in reversed(steps) if s.filename == str(path)), None)
+        reason = " ".join(f"{type(error).__name__}: {error}".split())
+    return _BROKEN.format(path=path, where=f", line {line}" if line else "", error=reason)
+
+
+def _did_you_mean(word: str, valid: Iterable[str]) -> str | None:
+    closest = difflib.get_close_matches(word, list(valid), n=1, cutoff=0.5)
+    return f"did you mean {closest[0]!r}?" if closest else None
+
+
+def _listed(valid: Iterable[str]) -> str:
+    return ", ".join(valid)
