@@ -12,7 +12,7 @@ from matplotlib.ticker import PercentFormatter
 
 from analysis import program
 from analysis.figures.success import DOTS_PER_INCH
-from analysis.reading import paper
+from analysis.reading import names, paper
 from analysis.reading.files import write_atomically
 from analysis.reading.results import NoResults, load
 from analysis.statistics.seeds import bootstrap, episodes_to, mean_interval
@@ -52,7 +52,7 @@ def load_variants(folder: Path) -> pd.DataFrame:
       ValueError: there are none, or as `analysis.reading.results.load`.
     """
     found = []
-    for results in sorted(Path(folder).glob("*/*/results.csv")):
+    for results in sorted(Path(folder).glob(f"*/*/{names.RESULTS}")):
         try:
             table = load(results.parent)
         except NoResults:

@@ -12,7 +12,7 @@ import pandas as pd
 
 from analysis import program
 from analysis.reading import grid
-from analysis.reading.files import write_atomically
+from analysis.reading.files import write_atomically, write_text
 from analysis.verdicts.evidence import ALPHA, LEAST_SEEDS, MARGIN, Claim, Evidence
 from analysis.verdicts.learning_claims import CONSISTENT, STEPS_BAND, judge_learning
 from analysis.verdicts.subgoal_claims import NEAR, judge_subgoals
@@ -166,8 +166,8 @@ def write_claims(claims: Sequence[Claim], why: Mapping[str, str], output: Path) 
     output.mkdir(parents=True, exist_ok=True)
     table, described, page = (output / f"{NAME}{suffix}" for suffix in (".csv", ".json", ".md"))
     write_atomically(table, lambda path: table_of(claims).to_csv(path, index=False))
-    write_atomically(described, lambda path: path.write_text(_as_json(claims, why)))
-    write_atomically(page, lambda path: path.write_text(as_markdown(claims, why)))
+    write_text(described, _as_json(claims, why))
+    write_text(page, as_markdown(claims, why))
     return [table, described, page]
 
 

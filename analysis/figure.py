@@ -6,6 +6,7 @@ from pathlib import Path
 
 from analysis import program
 from analysis.figures.success import write_figure
+from analysis.reading import names
 
 _HELP = """Draws a run folder's success figure again: figure.png and figure.csv.
 
@@ -24,7 +25,7 @@ def main(argv: Sequence[str]) -> int:
 
 def _draw(folder: Path) -> None:
     write_figure(folder)
-    print(folder / "figure.png")
+    print(folder / names.FIGURE)
 
 
 if __name__ == "__main__":

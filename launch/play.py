@@ -7,7 +7,7 @@ from pathlib import Path
 from absl import flags
 
 if __name__ == "__main__":
-    sys.path[0] = str(Path(__file__).resolve().parents[1])
+    sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
     from launch.asking import start
 
@@ -15,6 +15,7 @@ if __name__ == "__main__":
 
 from analysis import program
 from analysis.program import CommandError
+from analysis.reading import names
 from launch.asking import lists
 from launch.folder import policies
 from launch.pictures import video
@@ -75,7 +76,7 @@ def _choose(values: flags.FlagValues) -> tuple[list[Path], Path]:
         raise CommandError(f"flag --output={output}: its name ends in .mp4 or .png")
     task = lists.task(values.task)
     where = Path("runs", task) if values.run is None else Path(values.run)
-    found = policies.find(where / "policies")
+    found = policies.find(where / names.POLICIES)
     if values.run is None and not found and (published := policies.published(task)):
         found, where = published, policies.PUBLISHED
         print(f"{Path('runs', values.task)} holds no policies: playing the published one")

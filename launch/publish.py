@@ -9,7 +9,7 @@ from pathlib import Path
 from absl import flags
 
 if __name__ == "__main__":
-    sys.path[0] = str(Path(__file__).resolve().parents[1])
+    sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
     from launch.asking import start
 
@@ -22,7 +22,7 @@ from analysis.reading import grid
 from launch import record_subgoals
 from launch.asking import lists
 from launch.folder import policies, states
-from launch.folder.layout import POLICY_SUFFIXES, RunFolder
+from launch.folder.layout import RunFolder, policy_files
 
 _HELP = """Puts a finished run folder where the analysis and play.py look for published results.
 
@@ -80,7 +80,7 @@ def publish(folder: RunFolder, data: Path, chosen: Path) -> list[Path]:
     output.mkdir(parents=True, exist_ok=True)
     written = [
         Path(shutil.copy(file, output))
-        for file in (folder.results, folder.path / "figure.csv", folder.figure, folder.manifest)
+        for file in (folder.results, folder.figure_numbers, folder.figure, folder.manifest)
     ]
     written += record_subgoals.record(found, output, record_subgoals.EPISODES)
     return written + _publish_policies(folder.task, found, chosen)
@@ -91,14 +91,12 @@ def _publish_policies(task: str, found: Sequence[policies.Found], chosen: Path) 
     chosen.mkdir(parents=True, exist_ok=True)
     for earlier in policies.find(chosen):
         if earlier.task == task:
-            for suffix in POLICY_SUFFIXES:
-                earlier.path.with_name(earlier.path.name + suffix).unlink()
+            for file in policy_files(earlier.path):
+                file.unlink()
     written = []
     for layers in sorted({policy.subgoal_layers for policy in found}):
         best = policies.best([policy for policy in found if policy.subgoal_layers == layers])
-        for suffix in POLICY_SUFFIXES:
-            source = best.path.with_name(best.path.name + suffix)
-            written.append(Path(shutil.copy(source, chosen)))
+        written += [Path(shutil.copy(file, chosen)) for file in policy_files(best.path)]
     return written
 
 

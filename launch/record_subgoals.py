@@ -10,7 +10,7 @@ from typing import Any
 from absl import flags
 
 if __name__ == "__main__":
-    sys.path[0] = str(Path(__file__).resolve().parents[1])
+    sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
     from launch.asking import start
 
@@ -22,12 +22,11 @@ import hac_suite
 import tasks
 from analysis import program
 from analysis.program import CommandError
-from analysis.reading.files import write_atomically
+from analysis.reading import names
+from analysis.reading.files import write_atomically, write_text
 from launch.asking import lists
 from launch.folder import policies
 from launch.pictures.subgoal_log import Replayed, replay
-
-SUBGOALS_FILE, ANATOMY_FILE = "subgoals.csv", "anatomy.json"
 
 EPISODES = 32  # of each policy
 
@@ -57,7 +56,7 @@ def main(argv: Sequence[str]) -> int:
 def _record(values: flags.FlagValues) -> None:
     task = lists.task(values.task)
     run = Path("runs", task)
-    folder = run / "policies" if values.policies is None else Path(values.policies)
+    folder = run / names.POLICIES if values.policies is None else Path(values.policies)
     found = [policy for policy in policies.find(folder) if policy.task == task]
     if not found:
         raise CommandError(f"{folder} holds no policies of {task}")
@@ -83,11 +82,10 @@ def record(found: Sequence[policies.Found], output: Path, episodes: int) -> list
     """
     replays = [_replay(policy.path, episodes) for policy in found]
     output.mkdir(parents=True, exist_ok=True)
-    table, anatomy = output / SUBGOALS_FILE, output / ANATOMY_FILE
+    table, anatomy = output / names.SUBGOALS, output / names.ANATOMY
     write_atomically(table, lambda path: _write_table(replays, path))
     episode_of_each_agent = [_typical(replays, layers) for layers in _agents(found)]
-    described = json.dumps(_anatomy(episode_of_each_agent))
-    write_atomically(anatomy, lambda path: path.write_text(described + "\n", encoding="utf-8"))
+    write_text(anatomy, json.dumps(_anatomy(episode_of_each_agent)) + "\n")
     return [table, anatomy]
 
 

@@ -10,7 +10,7 @@ from rich.console import Console
 from rich.table import Table
 
 if __name__ == "__main__":
-    sys.path[0] = str(Path(__file__).resolve().parents[1])
+    sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from analysis import program
 from launch.folder import states

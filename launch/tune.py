@@ -11,7 +11,7 @@ from typing import NamedTuple
 from absl import flags
 
 if __name__ == "__main__":
-    sys.path[0] = str(Path(__file__).resolve().parents[1])
+    sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
     from launch.asking import start
 

@@ -75,13 +75,14 @@ def test_a_seed_alone_equals_that_seed_in_a_population(learner):
 def test_resumed_equals_uninterrupted(learner):
     left = []
 
-    def keep(boundary: hac_suite.Boundary) -> None:
-        if boundary.train_episodes == 8:
-            for state in boundary.states():
-                tensors = {name: tensor.clone() for name, tensor in state.tensors.items()}
-                left.append(state._replace(tensors=tensors))
+    class Keeping(hac_suite.Callback):
+        def on_boundary(self, boundary: hac_suite.Boundary) -> None:
+            if boundary.train_episodes == 8:
+                for state in boundary.states():
+                    tensors = {name: tensor.clone() for name, tensor in state.tensors.items()}
+                    left.append(state._replace(tensors=tensors))
 
-    *_, whole = train(learner, [3, 1], 1, episodes_per_period=16, on_boundary=keep)
+    *_, whole = train(learner, [3, 1], 1, episodes_per_period=16, callback=Keeping())
     (resumed,) = train(learner, [3, 1], 1, episodes_per_period=16, start=left)
     for index in range(2):
         assert_same(weights(resumed, index), weights(whole, index))

@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import PercentFormatter
 
-from analysis.reading import paper
+from analysis.reading import names, paper
 from analysis.reading.files import write_atomically
 from analysis.reading.results import load
 from analysis.statistics.seeds import n_label, success_per_period
@@ -50,8 +50,8 @@ def write_figure(run_dir: Path) -> None:
     run_dir = Path(run_dir)
     summary = success_per_period(load(run_dir))
     figure = draw_success(summary)
-    write_atomically(run_dir / "figure.csv", lambda path: summary.to_csv(path, index=False))
-    write_atomically(run_dir / "figure.png", lambda path: save_png(figure, path))
+    write_atomically(run_dir / names.FIGURE_NUMBERS, lambda path: summary.to_csv(path, index=False))
+    write_atomically(run_dir / names.FIGURE, lambda path: save_png(figure, path))
 
 
 def draw_success(summary: pd.DataFrame) -> Figure:

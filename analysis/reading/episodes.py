@@ -7,9 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from analysis.reading import names
 from analysis.reading.subgoals import recording_command
-
-ANATOMY_FILE = "anatomy.json"
 
 _BAD_FILE = "{path}: not a record of episodes ({error}); record it anew with `{command}`"
 
@@ -73,7 +72,7 @@ def load_episodes(folder: Path, task: str) -> list[Episode]:
       FileNotFoundError: `folder` holds no anatomy.json.
       ValueError: it is damaged; the message says how to make it.
     """
-    path = Path(folder) / ANATOMY_FILE
+    path = Path(folder) / names.ANATOMY
     text = path.read_text(encoding="utf-8")
     try:
         record = json.loads(text)

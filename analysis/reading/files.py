@@ -1,15 +1,47 @@
-"""Writes files so that a reader, or a kill, never meets half of one."""
+"""Writes files so that a reader, or a kill, never meets half of one.
 
+Checkpoints are written by the engine itself: they have to be on the disk, not only in place.
+"""
+
+import contextlib
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
+
+
+@contextlib.contextmanager
+def replacing(*paths: Path) -> Iterator[list[Path]]:
+    """Gives temporary paths beside these, which take their places if the block ends well.
+
+    They take them in this order. A temporary name has the suffix of its path, and the names of
+    paths that differ in their suffix differ in nothing else.
+    """
+    temporary = [_temporary(path) for path in paths]
+    try:
+        yield temporary
+        for written, path in zip(temporary, paths, strict=True):
+            os.replace(written, path)
+    finally:
+        for path in temporary:
+            path.unlink(missing_ok=True)
 
 
 def write_atomically(path: Path, write: Callable[[Path], object]) -> None:
     """Calls `write` with a temporary path beside `path`, then renames it to `path`."""
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
-    try:
+    with replacing(path) as (temporary,):
         write(temporary)
-        os.replace(temporary, path)
-    finally:
-        temporary.unlink(missing_ok=True)
+
+
+def write_text(path: Path, text: str) -> None:
+    """Replaces the file by this text."""
+    write_atomically(path, lambda temporary: temporary.write_text(text, encoding="utf-8"))
+
+
+def leftovers(folder: Path, name: str) -> Iterator[Path]:
+    """What a kill left half written of files of that name, which may be a pattern."""
+    stem, suffix = os.path.splitext(name)
+    return folder.glob(f".{stem}.[0-9]*.tmp{suffix}")
+
+
+def _temporary(path: Path) -> Path:
+    return path.with_name(f".{path.stem}.{os.getpid()}.tmp{path.suffix}")

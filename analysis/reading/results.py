@@ -5,13 +5,12 @@ import io
 import warnings
 from collections.abc import Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
 
-from analysis.reading import paper, schema
-
-RESULTS_FILE = "results.csv"
+from analysis.reading import names, paper, schema
 
 _LARGEST_WHOLE = 2**53
 _SHARES = {
@@ -60,47 +59,64 @@ def results_file(path: str | Path) -> Path:
     """The results.csv that `path` names: itself, or the one in that run folder."""
     path = Path(path)
     if path.is_dir():
-        path = path / RESULTS_FILE
+        path = path / names.RESULTS
     if not path.is_file():
         raise FileNotFoundError(_MISSING_FILE.format(path=path))
     return path
 
 
 def _load_file(path: Path) -> pd.DataFrame:
-    header, rows = _read_rows(path)
-    repeated = sorted({name for name in header if header.count(name) > 1})
-    if repeated:
-        raise ValueError(_REPEATED_COLUMNS.format(path=path, names=", ".join(repeated)))
-    missing = [name for name in schema.CORE_COLUMNS if name not in header]
-    if missing:
-        raise ValueError(_MISSING_COLUMNS.format(path=path, names=", ".join(missing)))
-    if not rows:
+    lines = read_lines(path)
+    if lines.cut_short:
+        warnings.warn(_CUT_SHORT.format(path=path), stacklevel=3)
+    if not lines.rows:
         raise NoResults(_NO_ROWS.format(path=path))
-    for line, row in rows.items():
-        if len(row) != len(header):
-            message = _WRONG_LENGTH.format(path=path, line=line, got=len(row), expected=len(header))
-            raise ValueError(message)
     # The index holds line numbers until the values are checked, to name the line of a bad one.
-    table = pd.DataFrame.from_dict(rows, orient="index", columns=header, dtype=object)
-    return _convert(table, path)
+    table = pd.DataFrame.from_dict(lines.rows, orient="index", columns=lines.columns, dtype=object)
+    later = [name for name in schema.RESULTS_COLUMNS if name not in table]
+    return _convert(table, path).reindex(columns=[*table.columns, *later])
 
 
-def _read_rows(path: Path) -> tuple[list[str], dict[int, list[str]]]:
-    """The header and the rows by line number, without blank lines and a cut last line."""
+class Lines(NamedTuple):
+    """A results.csv as text, before any number is looked at."""
+
+    columns: list[str]  # all of the core, others perhaps; none in an empty file
+    rows: dict[int, list[str]]  # by line number, as long as the columns
+    cut_short: bool  # the last line has no line end, so that it was cut in writing; it is left out
+
+
+def read_lines(path: Path) -> Lines:
+    """Reads a results.csv of this version or an earlier one, which had fewer diagnostics.
+
+    Raises:
+      ValueError: it is no such table; the message names the file, and the line of a damaged one.
+    """
     try:
         text = path.read_text(encoding="utf-8")
-        if text and not text.endswith("\n"):
-            # Even with all its commas, the last line's last number may have lost digits.
-            warnings.warn(_CUT_SHORT.format(path=path), stacklevel=2)
-            text = text[: text.rfind("\n") + 1]
-        reader = csv.reader(io.StringIO(text), strict=True)
-        header = next(reader, [])
+        # Even with all its commas, a cut line's last number may have lost digits.
+        whole = text[: text.rfind("\n") + 1]
+        reader = csv.reader(io.StringIO(whole), strict=True)
+        columns = next(reader, [])
         numbered = [(reader.line_num, row) for row in reader if row]
     except (UnicodeDecodeError, csv.Error) as error:
-        raise ValueError(f"{path}: not a results.csv ({error})") from error
-    if not header:
-        raise NoResults(_NO_ROWS.format(path=path))
-    return header, dict(numbered)
+        raise ValueError(f"{path}: not a {names.RESULTS} ({error})") from error
+    if columns:
+        _check_columns(columns, path)
+    for line, row in numbered:
+        if len(row) != len(columns):
+            raise ValueError(
+                _WRONG_LENGTH.format(path=path, line=line, got=len(row), expected=len(columns))
+            )
+    return Lines(columns, dict(numbered), cut_short=whole != text)
+
+
+def _check_columns(columns: list[str], path: Path) -> None:
+    repeated = sorted({name for name in columns if columns.count(name) > 1})
+    if repeated:
+        raise ValueError(_REPEATED_COLUMNS.format(path=path, names=", ".join(repeated)))
+    missing = [name for name in schema.CORE_COLUMNS if name not in columns]
+    if missing:
+        raise ValueError(_MISSING_COLUMNS.format(path=path, names=", ".join(missing)))
 
 
 def _convert(table: pd.DataFrame, path: Path) -> pd.DataFrame:

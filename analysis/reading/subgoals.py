@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-SUBGOALS_FILE = "subgoals.csv"
+from analysis.reading import names
 
 _ROOT = Path(__file__).parents[2]
 _KEY = ("task", "subgoal_layers", "seed", "episode", "level", "step", "end_step", "outcome")
@@ -33,7 +33,7 @@ def load_subgoals(folder: Path, task: str, points: Mapping[str, tuple[str, ...]]
       FileNotFoundError: there is no such file.
       ValueError: it is not a table, or lacks columns; the message says how to make it.
     """
-    path = Path(folder) / SUBGOALS_FILE
+    path = Path(folder) / names.SUBGOALS
     try:
         table = pd.read_csv(path)
     except (pd.errors.ParserError, pd.errors.EmptyDataError, UnicodeDecodeError) as error:
@@ -42,11 +42,11 @@ def load_subgoals(folder: Path, task: str, points: Mapping[str, tuple[str, ...]]
     missing = [name for name in (*_KEY, *wanted) if name not in table]
     if missing:
         command = recording_command(task, folder)
-        names = ", ".join(missing)
-        raise ValueError(_MISSING_COLUMNS.format(path=path, names=names, command=command))
+        lacking = ", ".join(missing)
+        raise ValueError(_MISSING_COLUMNS.format(path=path, names=lacking, command=command))
     return table
 
 
-def places(table: pd.DataFrame, kind: str, names: tuple[str, ...]) -> np.ndarray:
+def places(table: pd.DataFrame, kind: str, of: tuple[str, ...]) -> np.ndarray:
     """Points [rows, names] of a kind: "subgoal", "start" of the agent, its "end", or "goal"."""
-    return table[[f"{kind}_{name}" for name in names]].to_numpy(dtype=float)
+    return table[[f"{kind}_{name}" for name in of]].to_numpy(dtype=float)

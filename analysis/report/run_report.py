@@ -14,13 +14,13 @@ import pandas as pd
 
 from analysis.figures.diagnostics import draw_diagnostics
 from analysis.figures.success import DOTS_PER_INCH, draw_success
-from analysis.reading import paper
-from analysis.reading.files import write_atomically
+from analysis.reading import names, paper
+from analysis.reading.files import write_text
 from analysis.reading.results import load
 from analysis.report import page
 from analysis.statistics.seeds import final_success, success_per_period
 
-REPORT_FILE = "report.html"
+_TABLES = (names.FIGURE, names.FIGURE_NUMBERS, names.RESULTS, names.MANIFEST)
 
 
 def write_report(run_dir: Path) -> Path:
@@ -42,21 +42,21 @@ def write_report(run_dir: Path) -> Path:
         '<p class="note">Hierarchical actor-critic: end goals achieved in tests, per number of '
         "subgoal layers. The seed is the unit of every mean and interval.</p>",
         figure,
-        _files(run_dir, ["figure.png", "figure.csv", "results.csv", "manifest.json"]),
+        _files(run_dir, _TABLES),
         *_final_table(results, task),
         *_diagnostics(results),
         *_videos(run_dir),
         *_policies(run_dir),
         *_reproduction(run_dir, results),
     ]
-    target = run_dir / REPORT_FILE
+    target = run_dir / names.REPORT
     document = page.page(f"{paper.title(task)} - hierarchical actor-critic", body)
-    write_atomically(target, lambda path: path.write_text(document, encoding="utf-8"))
+    write_text(target, document)
     return target
 
 
-def _files(run_dir: Path, names: Sequence[str]) -> str:
-    present = [page.link(name) for name in names if (run_dir / name).is_file()]
+def _files(run_dir: Path, wanted: Sequence[str]) -> str:
+    present = [page.link(name) for name in wanted if (run_dir / name).is_file()]
     return f"<p>Files: {', '.join(present)}</p>"
 
 
@@ -111,27 +111,29 @@ def _diagnostics(results: pd.DataFrame) -> Iterator[str]:
 
 def _videos(run_dir: Path) -> Iterator[str]:
     yield "<h2>Videos</h2>"
-    names = [f"videos/{path.name}" for path in sorted((run_dir / "videos").glob("*.mp4"))]
-    if names:
+    found = sorted((run_dir / names.VIDEOS).glob("*.mp4"))
+    if found:
         yield (
             '<p class="note">Yellow: end goal. Purple: subgoals of the lowest level. Green: '
             "subgoals of the level above.</p>"
         )
-        yield f'<div class="videos">{"".join(map(page.video, names))}</div>'
+        players = [page.video(f"{names.VIDEOS}/{path.name}") for path in found]
+        yield f'<div class="videos">{"".join(players)}</div>'
     else:
         yield "<p>This run folder holds no videos.</p>"
 
 
 def _policies(run_dir: Path) -> Iterator[str]:
-    names = [path.name for path in sorted((run_dir / "policies").glob("*.safetensors"))]
-    if names:
-        items = "".join(f"<li>{page.link(f'policies/{name}')}</li>" for name in names)
-        yield f"<details><summary>{len(names)} policies</summary><ul>{items}</ul></details>"
+    found = sorted((run_dir / names.POLICIES).glob("*.safetensors"))
+    if found:
+        links = [page.link(f"{names.POLICIES}/{path.name}") for path in found]
+        items = "".join(f"<li>{link}</li>" for link in links)
+        yield f"<details><summary>{len(found)} policies</summary><ul>{items}</ul></details>"
 
 
 def _reproduction(run_dir: Path, results: pd.DataFrame) -> Iterator[str]:
     yield "<h2>How to reproduce</h2>"
-    manifest, problem = _read_manifest(run_dir / "manifest.json")
+    manifest, problem = _read_manifest(run_dir / names.MANIFEST)
     commands = _recorded_commands(manifest) or [_command_for(results)]
     yield f"<pre>{page.text(chr(10).join(commands))}</pre>"
     if problem:

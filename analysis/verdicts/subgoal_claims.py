@@ -2,11 +2,13 @@
 
 from collections.abc import Callable
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
 
-from analysis.reading.subgoals import SUBGOALS_FILE, load_subgoals, places, recording_command
+from analysis.reading import names
+from analysis.reading.subgoals import load_subgoals, places, recording_command
 from analysis.statistics import comparison
 from analysis.verdicts import evidence
 from analysis.verdicts.evidence import UNDECIDED, Claim, Evidence
@@ -29,6 +31,7 @@ _TO_TOP = np.array([0.0, 0.125])
 NEAR = 0.25
 """Metres within which a subgoal is near the rod or the target: the rod's own length."""
 _NEARER = 0.15  # metres, shown beside it: about twice a subgoal's threshold
+_WITHIN = "subgoals within {:.0f} cm of the {}"
 
 
 def judge_subgoals(folder: Path) -> list[Claim]:
@@ -76,7 +79,7 @@ def _judge(
     table = high_level(folder, task)
     if table is None:
         reason = (
-            f"no data: no {SUBGOALS_FILE} with any of {_LAYERS} subgoal layers; make it with "
+            f"no data: no {names.SUBGOALS} with any of {_LAYERS} subgoal layers; make it with "
             f"`{recording_command(task, Path(folder) / task)}`"
         )
         return Claim(letter, statement, UNDECIDED, reason)
@@ -122,10 +125,11 @@ def _far_subgoals(table: pd.DataFrame) -> list[Evidence]:
     share = "subgoals from a quarter to three quarters of the way"
     position = "median position (0: effector, 1: goal)"
     aside = "median distance from the straight line / its length"
+    is_halfway = _over_seeds(_Quantity(_REACHER, _FAR, share, "share", np.mean), far, halfway)
     return [
-        _over_seeds(_REACHER, _named(_FAR), share, "share", far, halfway, np.mean, judge=True),
-        _over_seeds(_REACHER, _named(_FAR), position, "ratio", far, along, np.median),
-        _over_seeds(_REACHER, _named(_FAR), aside, "ratio", far, beside, np.median),
+        evidence.judge_within(is_halfway, *_OFTEN),
+        _over_seeds(_Quantity(_REACHER, _FAR, position, "ratio", np.median), far, along),
+        _over_seeds(_Quantity(_REACHER, _FAR, aside, "ratio", np.median), far, beside),
     ]
 
 
@@ -153,35 +157,37 @@ def _rod_subgoals(table: pd.DataFrame) -> list[Evidence]:
 
 def _nearness(when: str, table: pd.DataFrame, place: str, apart: np.ndarray) -> list[Evidence]:
     """Shares of the subgoals near a place, and how far they are from it."""
-    shares = [
+    near, nearer = (
         _over_seeds(
-            _PICK, _named(when), f"subgoals within {100 * near:.0f} cm of the {place}", "share",
-            table, apart <= near, np.mean, judge=near == NEAR,
+            _Quantity(_PICK, when, _WITHIN.format(100 * limit, place), "share", np.mean),
+            table,
+            apart <= limit,
         )
-        for near in (NEAR, _NEARER)
-    ]  # fmt: skip
-    return shares + _distance(when, table, place, apart)
+        for limit in (NEAR, _NEARER)
+    )
+    judged = evidence.judge_within(near, *_OFTEN)
+    return [judged, nearer, *_distance(when, table, place, apart)]
 
 
 def _distance(when: str, table: pd.DataFrame, place: str, apart: np.ndarray) -> list[Evidence]:
-    quantity = f"median distance of subgoals from the {place}"
-    return [_over_seeds(_PICK, _named(when), quantity, "cm", table, apart, np.median)]
+    name = f"median distance of subgoals from the {place}"
+    return [_over_seeds(_Quantity(_PICK, when, name, "cm", np.median), table, apart)]
 
 
-def _over_seeds(
-    task: str,
-    agents: str,
-    quantity: str,
-    unit: str,
-    table: pd.DataFrame,
-    values: np.ndarray,
-    summary: Callable[[np.ndarray], float],
-    *,
-    judge: bool = False,
-) -> Evidence:
-    """The mean over seeds of a summary of each seed's values, [rows of the table]."""
+class _Quantity(NamedTuple):
+    """What is measured of each seed's subgoals."""
+
+    task: str
+    when: str  # of which subgoals
+    name: str
+    unit: str
+    summary: Callable[[np.ndarray], float]  # of a seed's values
+
+
+def _over_seeds(quantity: _Quantity, table: pd.DataFrame, values: np.ndarray) -> Evidence:
+    """The mean over seeds of the summary of each seed's values, [rows of the table]."""
+    task, when, name, unit, summary = quantity
     grouped = pd.Series(values, dtype=float).groupby(table["seed"].to_numpy())
     seeds = grouped.agg(lambda own: summary(own.to_numpy())).to_numpy(dtype=float)
     mean = comparison.contrast([seeds], [1])
-    item = Evidence(task, agents, quantity, unit, (len(seeds),), *mean)
-    return evidence.judge_within(item, *_OFTEN) if judge else item
+    return Evidence(task, _named(when), name, unit, (len(seeds),), *mean)

@@ -12,12 +12,17 @@ from pathlib import Path
 from typing import Any
 
 from analysis.program import CommandError
+from analysis.reading import names
+from analysis.reading.files import leftovers
 from launch.folder import results
 from launch.folder.agents import Agent, Job
 
-POLICY_SUFFIXES = (".json", ".safetensors")
+POLICY_SUFFIXES = (".json", ".safetensors")  # the weights last: they are what a reader looks for
 
-_WRITTEN_ATOMICALLY = ("manifest.json", "results.csv", "figure.png", "figure.csv", "report.html")
+
+def policy_files(path: Path) -> list[Path]:
+    """The files of a policy, whose path has no suffix."""
+    return [path.with_name(path.name + suffix) for suffix in POLICY_SUFFIXES]
 
 
 class RunFolder:
@@ -32,14 +37,15 @@ class RunFolder:
             raise CommandError(f"{task!r} cannot name a run folder")
         self.task = task
         self.path = Path(out) / task
-        self.results = self.path / "results.csv"
-        self.manifest = self.path / "manifest.json"
-        self.figure = self.path / "figure.png"
-        self.report = self.path / "report.html"
-        self.policies = self.path / "policies"
-        self.videos = self.path / "videos"
-        self.failures = self.path / "failures"
-        self.checkpoints = self.path / "checkpoints"
+        self.results = self.path / names.RESULTS
+        self.manifest = self.path / names.MANIFEST
+        self.figure = self.path / names.FIGURE
+        self.figure_numbers = self.path / names.FIGURE_NUMBERS
+        self.report = self.path / names.REPORT
+        self.policies = self.path / names.POLICIES
+        self.videos = self.path / names.VIDEOS
+        self.failures = self.path / names.FAILURES
+        self.checkpoints = self.path / names.CHECKPOINTS
 
     def policy(self, subgoal_layers: int, seed: int) -> Path:
         """Path of a policy without its two suffixes."""
@@ -112,11 +118,7 @@ class RunFolder:
         }
 
     def has_policy(self, subgoal_layers: int, seed: int) -> bool:
-        return all(file.is_file() for file in self._policy_files(subgoal_layers, seed))
-
-    def _policy_files(self, subgoal_layers: int, seed: int) -> list[Path]:
-        stem = self.policy(subgoal_layers, seed)
-        return [stem.with_name(stem.name + suffix) for suffix in POLICY_SUFFIXES]
+        return all(file.is_file() for file in policy_files(self.policy(subgoal_layers, seed)))
 
     def prepare(self, runs: Mapping[tuple[int, int], Sequence[Mapping[str, Any]]]) -> int:
         """Makes the subfolders and drops what stands in the way of training these seeds.
@@ -131,7 +133,7 @@ class RunFolder:
         for folder in (self.policies, self.videos):
             folder.mkdir(exist_ok=True)
         shutil.rmtree(self.failures, ignore_errors=True)
-        doomed = [file for run in runs for file in self._policy_files(*run)]
+        doomed = [file for run in runs for file in policy_files(self.policy(*run))]
         for file in [*self._leftovers(), *doomed]:
             if not file.is_dir():
                 file.unlink(missing_ok=True)
@@ -141,18 +143,18 @@ class RunFolder:
         """What a kill can leave half written; files of other names are not ours to remove."""
         task = glob.escape(self.task)
         yield from self.path.glob(f".{task}_*layers_seeds*-*.log")
-        for name in _WRITTEN_ATOMICALLY:
-            yield from self.path.glob(f".{name}.[0-9]*.tmp")
+        for name in names.WRITTEN_WHOLE:
+            yield from leftovers(self.path, name)
         for suffix in POLICY_SUFFIXES:
-            yield from self.policies.glob(f".{task}_*layers_seed*{suffix}")
-        yield from self.videos.glob(f".{task}_*layers.[0-9]*.mp4")
+            yield from leftovers(self.policies, f"{task}_*layers_seed*{suffix}")
+        yield from leftovers(self.videos, f"{task}_*layers.mp4")
 
     def _set_rows(self, runs: Mapping[tuple[int, int], Sequence[Mapping[str, Any]]]) -> int:
         own = {(str(layers), str(seed)) for layers, seed in runs}
         rows, dropped = results.read(self.results)
         kept = [row for row in rows if (row["subgoal_layers"], row["seed"]) not in own]
         tested = [row for behind in runs.values() for row in behind]
-        if dropped or tested or len(kept) != len(rows) or not self.results.exists():
+        if dropped or tested or len(kept) != len(rows) or not results.is_current(self.results):
             results.rewrite(self.results, [*kept, *tested])
         return dropped
 

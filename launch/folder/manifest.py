@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from analysis.program import CommandError
-from analysis.reading.files import write_atomically
+from analysis.reading.files import write_text
 from hac_suite.config import completed
 
 Manifest = dict[str, Any]
@@ -83,8 +83,7 @@ def read(path: Path) -> Manifest | None:
 
 
 def write(path: Path, manifest: Manifest) -> None:
-    text = json.dumps(manifest, indent=2) + "\n"
-    write_atomically(path, lambda temporary: temporary.write_text(text, encoding="utf-8"))
+    write_text(path, json.dumps(manifest, indent=2) + "\n")
 
 
 def check_same(path: Path, manifest: Manifest, wanted: Manifest) -> None:

@@ -8,7 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from analysis.program import CommandError
-from analysis.reading.files import write_atomically
+from analysis.reading.files import write_text
+from analysis.reading.results import read_lines
 from analysis.reading.schema import CORE_COLUMNS, LEVEL_FIELDS, RESULTS_COLUMNS, level_column
 
 Row = dict[str, str]
@@ -21,26 +22,22 @@ def read(path: Path) -> tuple[list[Row], int]:
     """Rows of the file, and how many lines were dropped because a kill cut them short.
 
     Raises:
-      CommandError: the file is not a results.csv of this version, or a line of it is damaged.
+      CommandError: the file is not a results.csv, or a line of it is damaged.
     """
     if not path.exists():
         return [], 0
-    text = path.read_text(encoding="utf-8", errors="replace")
-    whole = text[: text.rfind("\n") + 1]
-    reader = csv.reader(io.StringIO(whole))
     try:
-        header = next(reader, None)
-        lines = [(reader.line_num, line) for line in reader]
-    except csv.Error as error:
-        raise CommandError(f"{path}, line {reader.line_num}: {error}; move it away") from error
-    if header is not None and tuple(header) != RESULTS_COLUMNS:
-        raise CommandError(f"{path} has other columns than this version writes; move it away")
-    rows = [_row(path, number, line) for number, line in lines if _is_whole(line)]
-    return rows, int(whole != text) + len(lines) - len(rows)
+        lines = read_lines(path)
+    except ValueError as error:
+        raise CommandError(f"{error}; mend it, or move it away") from error
+    rows = [
+        _row(path, number, dict(zip(lines.columns, cells, strict=True)))
+        for number, cells in lines.rows.items()
+    ]
+    return rows, int(lines.cut_short)
 
 
-def _row(path: Path, number: int, line: list[str]) -> Row:
-    row = dict(zip(RESULTS_COLUMNS, line, strict=True))
+def _row(path: Path, number: int, row: Row) -> Row:
     for column in _WHOLE_NUMBERS:
         cell = row[column]
         if not (cell.isascii() and cell.isdigit() and len(cell) <= _MOST_DIGITS):
@@ -51,10 +48,19 @@ def _row(path: Path, number: int, line: list[str]) -> Row:
     return row
 
 
-def rewrite(path: Path, rows: Iterable[Mapping[str, Any]]) -> None:
-    """Replaces the file by these rows, so that a kill leaves the old file or the new one."""
-    text = _lines([dict(zip(RESULTS_COLUMNS, RESULTS_COLUMNS, strict=True)), *rows])
-    write_atomically(path, lambda temporary: temporary.write_text(text, encoding="utf-8"))
+def is_current(path: Path) -> bool:
+    """Whether the file is there and has all columns of this version, so that it can be added to."""
+    return path.exists() and set(RESULTS_COLUMNS) <= set(read_lines(path).columns)
+
+
+def rewrite(path: Path, rows: Sequence[Mapping[str, Any]]) -> None:
+    """Replaces the file by these rows, so that a kill leaves the old file or the new one.
+
+    It gets all columns of this version, and those beyond it that a row has.
+    """
+    others = dict.fromkeys(name for row in rows for name in row if name not in RESULTS_COLUMNS)
+    columns = [*RESULTS_COLUMNS, *others]
+    write_text(path, _lines(columns, [dict(zip(columns, columns, strict=True)), *rows]))
 
 
 def append(path: Path, rows: Sequence[Mapping[str, Any]]) -> None:
@@ -65,30 +71,36 @@ def append(path: Path, rows: Sequence[Mapping[str, Any]]) -> None:
     """
     for row in rows:
         check_columns(row)
-    with path.open("a", encoding="utf-8") as file:
-        file.write(_lines(rows))
+    with path.open("a+", encoding="utf-8", newline="") as file:
+        file.seek(0)
+        columns = next(csv.reader([file.readline()]))
+        file.write(_lines(columns, rows))
         file.flush()
         os.fsync(file.fileno())
 
 
-def check_columns(row: Mapping[str, Any]) -> None:
+def check_columns(row: Mapping[str, Any], *, earlier: bool = False) -> None:
     """What the engine measures and what the file holds are two lists: none may drop the other's.
+
+    Args:
+      earlier: the row may be of an earlier version, which measured less.
 
     Raises:
       ValueError: a row has a column that the file lacks, or lacks one of its own levels'.
     """
     levels = range(row["subgoal_layers"] + 1)
     own = {level_column(level, field) for level in levels for field in LEVEL_FIELDS}
-    differ = sorted(own.union(CORE_COLUMNS) ^ row.keys())
+    needed = set(CORE_COLUMNS) if earlier else own.union(CORE_COLUMNS)
+    differ = sorted((needed - row.keys()) | (row.keys() - own - set(CORE_COLUMNS)))
     if differ:
         raise ValueError(f"columns that only results.csv or only its new row has: {differ}")
 
 
-def _lines(rows: Iterable[Mapping[str, Any]]) -> str:
+def _lines(columns: Sequence[str], rows: Iterable[Mapping[str, Any]]) -> str:
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     for row in rows:
-        writer.writerow([_cell(row.get(column, "")) for column in RESULTS_COLUMNS])
+        writer.writerow([_cell(row.get(column, "")) for column in columns])
     return text.getvalue()
 
 
@@ -97,7 +109,3 @@ def _cell(value: Any) -> str:
     if value is None or value != value:
         return ""
     return str(value.item() if hasattr(value, "item") else value)
-
-
-def _is_whole(line: list[str]) -> bool:
-    return len(line) == len(RESULTS_COLUMNS)

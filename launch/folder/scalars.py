@@ -7,6 +7,7 @@ from typing import Any
 
 from torch.utils.tensorboard import SummaryWriter
 
+from analysis.reading import names
 from analysis.reading.schema import LEVEL_FIELDS, MAX_LEVELS, level_column
 from launch.folder import results
 from launch.folder.layout import RunFolder
@@ -23,7 +24,7 @@ class Scalars:
 
     def __init__(self, folder: RunFolder) -> None:
         """Begins with what is in results.csv: what was written before is replaced by that."""
-        self._path = folder.path / "tensorboard"
+        self._path = folder.path / names.TENSORBOARD
         self._writers: dict[str, SummaryWriter] = {}
         shutil.rmtree(self._path, ignore_errors=True)
         self.add(results.read(folder.results)[0])

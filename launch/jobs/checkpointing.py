@@ -152,7 +152,7 @@ def _rows(
             raise ValueError("no rows")
         rows = [{"task": agent.task, **row} for row in rows]
         for period, row in enumerate(rows):
-            results.check_columns(row)
+            results.check_columns(row, earlier=True)
             own = (row["task"], row["subgoal_layers"], row["seed"], row["period"])
             numbers = all(isinstance(row[name], int | float) for name in row if name != "task")
             if own != (*agent, seed, period) or not numbers:

@@ -2,7 +2,6 @@
 
 import functools
 import math
-import os
 import signal
 import time
 from collections.abc import Mapping, Sequence
@@ -13,9 +12,10 @@ import torch
 
 import hac_suite
 import tasks
+from analysis.reading.files import replacing
 from launch.asking import settings
 from launch.folder.agents import Job
-from launch.folder.layout import POLICY_SUFFIXES, RunFolder
+from launch.folder.layout import RunFolder, policy_files
 from launch.jobs import checkpointing
 from launch.jobs.messages import SeedFailed, Send, Tested, Warned
 
@@ -110,7 +110,5 @@ def _save(job: Job, policies: Sequence[hac_suite.Policy], rows: list[dict], plan
 
 def save_policy(policy: hac_suite.Policy, path: Path, metadata: dict) -> None:
     """Saves a policy so that a kill leaves none of it or all of it under `path`'s name."""
-    temporary = path.with_name(f".{path.name}")
-    policy.save(temporary, metadata)
-    for suffix in POLICY_SUFFIXES:  # the weights last: they are what a reader looks for
-        os.replace(temporary.with_name(temporary.name + suffix), path.with_name(path.name + suffix))
+    with replacing(*policy_files(path)) as (temporary, _):
+        policy.save(temporary.with_suffix(""), metadata)

@@ -4,7 +4,6 @@ MUJOCO_GL=egl python -m launch.pictures.rendering '{"policies": [...], "output":
 """
 
 import json
-import os
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -18,6 +17,7 @@ import hac_suite
 import tasks
 from analysis import program
 from analysis.reading import paper
+from analysis.reading.files import write_atomically
 from hac_suite.algorithm import exploration
 from launch.asking import settings
 from launch.pictures import video
@@ -64,12 +64,8 @@ def main(argument: str) -> None:
         print(f"policy: {what}", file=sys.stderr)
         sys.exit(video.BAD_POLICY)
     output.parent.mkdir(parents=True, exist_ok=True)
-    temporary = output.with_name(f".{output.stem}.{os.getpid()}{output.suffix}")
-    try:
-        (write_strip if strip else write_video)(choice, temporary)
-        os.replace(temporary, output)
-    finally:
-        temporary.unlink(missing_ok=True)
+    write = write_strip if strip else write_video
+    write_atomically(output, lambda path: write(choice, path))
 
 
 def choose(paths: Sequence[str], count: int) -> Choice:

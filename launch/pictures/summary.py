@@ -13,7 +13,7 @@ from analysis.statistics.seeds import final_success
 from launch.asking.request import Request
 from launch.folder import policies, results
 from launch.folder.agents import Agent
-from launch.folder.layout import RunFolder
+from launch.folder.layout import RunFolder, policy_files
 from launch.jobs.local import StopSignal
 from launch.pictures import video
 
@@ -77,5 +77,5 @@ def _is_current(video: Path, own: Sequence[policies.Found]) -> bool:
     """Whether the agent's video is there, and none of its policies is newer."""
     if not video.exists():
         return False
-    files = [policy.path.with_name(f"{policy.path.name}.safetensors") for policy in own]
+    files = [file for policy in own for file in policy_files(policy.path)]
     return video.stat().st_mtime > max(file.stat().st_mtime for file in files)

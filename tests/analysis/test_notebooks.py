@@ -9,8 +9,7 @@ from nbclient import NotebookClient
 from nbclient.exceptions import CellExecutionError
 
 from analysis.claims import judge
-from analysis.reading import grid, paper
-from analysis.reading.episodes import ANATOMY_FILE
+from analysis.reading import grid, names, paper
 
 FOLDER = Path(__file__).parents[2] / "analysis" / "notebooks"
 NAMES = ("author_a_task", "claims", "reproduce_figure5", "subgoal_anatomy")
@@ -107,7 +106,7 @@ def test_claims_without_records_of_subgoals(execute, make_run):
 @pytest.mark.slow
 def test_the_anatomy_of_the_recorded_episodes(execute):
     notebook = execute("subgoal_anatomy")
-    recorded = sorted(grid.FOLDER.glob(f"*/{ANATOMY_FILE}"))
+    recorded = sorted(grid.FOLDER.glob(f"*/{names.ANATOMY}"))
     episodes = [json.loads(path.read_text())["episodes"] for path in recorded]
     assert _pictures(notebook) == sum(map(len, episodes)) > 0
     missing = len(paper.TITLES) - len(recorded)

@@ -19,7 +19,7 @@ for library in ("OMP", "MKL", "OPENBLAS"):
 from rich.console import Console  # noqa: E402
 from rich.table import Table  # noqa: E402
 
-from analysis.reading.files import write_atomically  # noqa: E402
+from analysis.reading.files import write_text  # noqa: E402
 from launch.folder import manifest  # noqa: E402
 from tests.bench import growth, limits, panel, same_work, stepping  # noqa: E402
 from tests.bench.peers import curves  # noqa: E402
@@ -52,7 +52,7 @@ def main() -> None:
     if output is not None:
         output.parent.mkdir(parents=True, exist_ok=True)
         text = json.dumps(report, indent=2) + "\n"
-        write_atomically(output, lambda path: path.write_text(text, encoding="utf-8"))
+        write_text(output, text)
         console.print(f"wrote {output}", soft_wrap=True)
 
 

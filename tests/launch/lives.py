@@ -107,11 +107,7 @@ def _launch_and_exit(output: int, argv: list[str], first: Callable[[], object]) 
             contextlib.redirect_stderr(sys.stdout),
         ):
             first()
-            try:
-                status = experiment.run(request.parse(argv), argv)
-            except (program.CommandError, OSError) as error:  # as launch/run.py answers them
-                print(f"error: {error}")
-                status = 2 if isinstance(error, program.CommandError) else 1
+            status = program.answer(lambda: experiment.run(request.parse(argv), argv), str)
     finally:
         os._exit(status)
 

@@ -13,8 +13,6 @@ from rich.console import Console
 
 from analysis.program import CommandError
 from analysis.reading.results import load
-from launch import experiment
-from launch.asking import request
 from launch.folder import manifest
 from launch.folder.agents import Agent, Job
 from launch.folder.layout import RunFolder
@@ -23,14 +21,9 @@ from launch.jobs.progress import Board
 from launch.jobs.recorder import Recorder
 from launch.pictures import video
 from tests.launch import fake_jobs
+from tests.launch.launching import launch
 
 BOTH = "--subgoal_layers=0,1"
-
-
-def launch(out, *words: str, work=fake_jobs.train) -> int:
-    usual = ["--task=pendulum_climb", "--subgoal_layers=1", "--novideo", f"--out={out}"]
-    argv = ["launch/run.py", *usual, *words]
-    return experiment.run(request.parse(argv), argv, work=work)
 
 
 def trained(out) -> list[tuple[int, int]]:

@@ -10,25 +10,16 @@ from pathlib import Path
 
 import pytest
 
-from launch import experiment, status
-from launch.asking import request
+from launch import status
 from launch.folder import results
 from launch.folder import states as folder_states
+from launch.folder.agents import Agent, Job
 from launch.folder.layout import RunFolder
 from tests.launch import fake_jobs
+from tests.launch.launching import TASK, launch, words
 
 ROOT = Path(__file__).resolve().parents[2]
-TASK = "pendulum_climb"
 BOTH = "--subgoal_layers=0,1"
-
-
-def words(out: Path, *extra: str) -> list[str]:
-    return ["launch/run.py", f"--task={TASK}", "--novideo", f"--out={out}", *extra]
-
-
-def launch(out: Path, *extra: str) -> int:
-    argv = words(out, *extra)
-    return experiment.run(request.parse(argv), argv, work=fake_jobs.train)
 
 
 def states(out: Path) -> list[tuple[int, int, str]]:
@@ -79,18 +70,16 @@ def test_what_the_latest_launch_was_not_for_is_done_by_its_own_periods(tmp_path)
 
 
 LAUNCH = """
-import sys
-from launch import experiment
-from launch.asking import request
-from tests.launch import fake_jobs
-experiment.run(request.parse(sys.argv), sys.argv, work=fake_jobs.train_for_ever)
+import pathlib, sys
+from tests.launch import fake_jobs, launching
+launching.launch(pathlib.Path(sys.argv[1]), *sys.argv[2:], work=fake_jobs.train_for_ever)
 """
 
 
 def test_a_running_experiment_and_the_same_one_killed(tmp_path, capsys):
-    argv = words(tmp_path, BOTH, "--seeds=2", "--periods=2", "--workers=1")
+    asked = [BOTH, "--seeds=2", "--periods=2", "--workers=1"]
     process = subprocess.Popen(
-        [sys.executable, "-c", LAUNCH, *argv[1:]], cwd=ROOT, stdout=subprocess.DEVNULL
+        [sys.executable, "-c", LAUNCH, tmp_path, *asked], cwd=ROOT, stdout=subprocess.DEVNULL
     )
     try:
         folder, deadline = RunFolder(tmp_path, TASK), time.monotonic() + 60
@@ -127,7 +116,7 @@ def folder_with(out: Path, measured: dict[tuple[int, int], list[float]], workers
     folder.manifest.write_text(json.dumps({**text, **latest}))
     rows = []
     for (layers, seed), seconds in measured.items():
-        job = experiment.agents.Job(experiment.agents.Agent(TASK, layers), (seed,))
+        job = Job(Agent(TASK, layers), (seed,))
         rows += [
             {**fake_jobs.row(job, seed, period), "wall_seconds": wall}
             for period, wall in enumerate(seconds)
@@ -177,7 +166,7 @@ def test_what_is_no_run_folder_is_answered_in_one_line(tmp_path, capsys):
         ("empty", "is not a run folder: it has no manifest.json"),
         ("other", f"it holds the run folders {TASK}"),
         (f"other/{TASK}", "is not a run folder's manifest"),
-        (TASK, "has other columns"),
+        (TASK, "lacks the column(s) task"),
         ("renamed", f"holds runs of '{TASK}'"),
     ):
         assert status.main(["launch/status.py", str(tmp_path / word)]) == 2

@@ -151,5 +151,5 @@ def test_doubled_rows_are_refused(make_run):
         load([folder, folder])
     path = folder / "results.csv"
     path.write_text(path.read_text() + path.read_text().splitlines()[-1] + "\n")
-    with pytest.raises(ValueError, match="1 subgoal layers, seed 1, period 1; was"):
+    with pytest.raises(ValueError, match="1 subgoal layer, seed 1, period 1; was"):
         load(folder)

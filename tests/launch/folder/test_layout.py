@@ -4,6 +4,7 @@ import csv
 import math
 import multiprocessing
 import os
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ import hac_suite
 from analysis.figures.success import write_figure
 from analysis.program import CommandError
 from analysis.reading import schema
+from analysis.reading.results import load
 from analysis.reading.schema import RESULTS_COLUMNS
 from analysis.report.run_report import write_report
 from launch.folder import manifest, results
@@ -70,6 +72,58 @@ def test_a_column_that_only_one_side_knows_is_refused(folder, extra, lacking):
     assert results.read(folder.results) == ([], 0)
 
 
+def lacking(table: Path, *columns: str) -> None:
+    """Takes columns out of a file, as an earlier version would not have written them."""
+    with table.open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    with table.open("w", newline="") as file:
+        kept = [name for name in rows[0] if name not in columns]
+        writer = csv.DictWriter(file, kept, extrasaction="ignore", lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(rows)
+
+
+NEWEST = [schema.level_column(level, schema.LEVEL_FIELDS[-1]) for level in range(3)]
+
+
+def test_a_file_of_before_the_newest_diagnostic_is_gone_on_with(folder):
+    results.append(folder.results, [row(0, period) for period in range(2)])
+    lacking(folder.results, *NEWEST)
+    add_policy(folder, 1, 0)
+    assert folder.finished(AGENT, periods=1) == {0}
+    assert load(folder.path)[NEWEST].isna().all().all()
+    write_figure(folder.path)
+    write_report(folder.path)
+    with folder.lock():
+        folder.prepare({(1, 1): []})
+    results.append(folder.results, [{**row(1, 0), NEWEST[1]: 0.5}])
+    table = load(folder.path)
+    assert list(table.columns) == list(schema.RESULTS_COLUMNS)
+    assert table[NEWEST[1]].isna().tolist() == [True, True, False]
+    assert folder.finished(AGENT, periods=1) == {0}
+
+
+def test_columns_of_a_later_version_are_kept(folder):
+    results.append(folder.results, [row(0, 0)])
+    header, line = folder.results.read_text().splitlines()
+    folder.results.write_text(f"{header},level0_novel\n{line},0.25\n")
+    with folder.lock():
+        folder.prepare({(1, 1): []})
+    results.append(folder.results, [row(1, 0)])
+    assert load(folder.path)["level0_novel"].tolist()[0] == 0.25
+    assert [r["level0_novel"] for r in results.read(folder.results)[0]] == ["0.25", ""]
+
+
+def test_a_damaged_line_gets_the_same_verdict_from_both_sides(folder):
+    results.append(folder.results, [row(0, 0), row(0, 1), row(0, 2)])
+    lines = folder.results.read_text().splitlines()
+    lines[2] = lines[2].rpartition(",")[0]
+    folder.results.write_text("\n".join(lines) + "\n")
+    for read in (load, lambda path: results.read(path)):
+        with pytest.raises((CommandError, ValueError), match=r"line 3: 40 values where"):
+            read(folder.results)
+
+
 def test_the_engine_measures_what_the_file_has_columns_for():
     assert hac_suite.DIAGNOSTICS == schema.LEVEL_FIELDS
 
@@ -121,16 +175,24 @@ def test_preparing_drops_the_runs_of_seeds_trained_anew_and_no_others(folder):
 
 def test_preparing_removes_what_a_kill_left_half_written_and_nothing_else(folder):
     job = Job(AGENT, (0, 3))
-    theirs = [".gitignore", "policies/.keep", "videos/.DS_Store", "notes/.draft.log", ".figure.tmp"]
+    theirs = [
+        ".gitignore",
+        "policies/.keep",
+        "videos/.DS_Store",
+        "notes/.draft.log",
+        ".figure.tmp",
+        ".figure.tmp.png",
+    ]
     for name in theirs:
         (folder.path / name).parent.mkdir(exist_ok=True)
         (folder.path / name).touch()
-    for name in (".figure.png.12.tmp", "policies/.pick_place_1layers_seed0.json"):
+    for name in (".figure.12.tmp.png", "policies/.pick_place_1layers_seed0.7.tmp.json"):
         (folder.path / name).mkdir()
     folder.log(job).touch()
     for name in (
-        ".figure.png.123.tmp", ".results.csv.9.tmp", ".report.html.77.tmp",
-        "policies/.pick_place_1layers_seed3.safetensors", "videos/.pick_place_1layers.55.mp4",
+        ".figure.123.tmp.png", ".results.9.tmp.csv", ".report.77.tmp.html", ".subgoals.7.tmp.csv",
+        "policies/.pick_place_1layers_seed3.12.tmp.safetensors",
+        "videos/.pick_place_1layers.55.tmp.mp4",
     ):  # fmt: skip
         (folder.path / name).touch()
     with folder.lock():
@@ -170,7 +232,7 @@ class FakePolicy:
 
 def test_a_file_of_other_columns_is_refused_and_kept(folder):
     folder.results.write_text("a,b\n1,2\n")
-    with pytest.raises(CommandError, match="other columns"):
+    with pytest.raises(CommandError, match=r"lacks the column\(s\) task"):
         folder.finished(AGENT, periods=1)
     assert folder.results.read_text() == "a,b\n1,2\n"
 

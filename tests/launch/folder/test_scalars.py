@@ -6,20 +6,12 @@ from pathlib import Path
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
 from analysis.reading.results import load
-from launch import experiment
-from launch.asking import request
 from launch.folder import results
+from launch.folder.agents import Agent, Job
 from launch.folder.layout import RunFolder
 from launch.folder.scalars import Scalars
 from tests.launch import fake_jobs
-
-TASK = "pendulum_climb"
-
-
-def launch(out: Path, *extra: str) -> int:
-    words = [f"--task={TASK}", "--subgoal_layers=1", "--seeds=2", "--novideo", f"--out={out}"]
-    argv = ["launch/run.py", *words, *extra]
-    return experiment.run(request.parse(argv), argv, work=fake_jobs.train)
+from tests.launch.launching import TASK, launch
 
 
 def curve(out: Path, seed: int, tag: str) -> list[tuple[int, float]]:
@@ -33,7 +25,7 @@ def curve(out: Path, seed: int, tag: str) -> list[tuple[int, float]]:
 
 
 def test_each_seed_has_its_curves(tmp_path):
-    assert launch(tmp_path, "--periods=2", "--tensorboard") == 0
+    assert launch(tmp_path, "--seeds=2", "--periods=2", "--tensorboard") == 0
     for seed in (0, 1):
         assert curve(tmp_path, seed, "success_rate") == [(0, 0.0), (4, 0.25), (8, 0.5)]
         assert curve(tmp_path, seed, "mean_steps_to_goal") == [(0, 30), (4, 30), (8, 30)]
@@ -43,11 +35,11 @@ def test_each_seed_has_its_curves(tmp_path):
 
 def test_going_on_repeats_no_point_and_catches_up_with_what_was_not_watched(tmp_path):
     (tmp_path / "kill").write_text("1")
-    assert launch(tmp_path, "--periods=3", "--tensorboard") == 1
+    assert launch(tmp_path, "--seeds=2", "--periods=3", "--tensorboard") == 1
     assert curve(tmp_path, 1, "success_rate") == [(0, 0.0), (4, 0.25)]
     (tmp_path / "kill").unlink()
-    assert launch(tmp_path, "--periods=3") == 0
-    assert launch(tmp_path, "--periods=3", "--tensorboard") == 0
+    assert launch(tmp_path, "--seeds=2", "--periods=3") == 0
+    assert launch(tmp_path, "--seeds=2", "--periods=3", "--tensorboard") == 0
     whole = [(0, 0.0), (4, 0.25), (8, 0.5), (12, 0.75)]
     assert curve(tmp_path, 0, "success_rate") == curve(tmp_path, 1, "success_rate") == whole
 
@@ -56,7 +48,7 @@ def test_the_diagnostics_of_each_level_are_there(tmp_path):
     folder = RunFolder(tmp_path, TASK)
     with folder.lock():
         folder.prepare({})
-    job = experiment.agents.Job(experiment.agents.Agent(TASK, 1), (0,))
+    job = Job(Agent(TASK, 1), (0,))
     rows = [
         {**fake_jobs.row(job, 0, period), "level0_q_mean": -2.5 * period, "level1_tested": 0.25}
         for period in (0, 1)
@@ -74,7 +66,7 @@ def test_curves_that_cannot_be_written_do_not_harm_training(tmp_path, capsys, mo
         raise OSError("No space left on device")
 
     monkeypatch.setattr("launch.folder.scalars.SummaryWriter.add_scalar", full)
-    assert launch(tmp_path, "--periods=1", "--tensorboard") == 0
+    assert launch(tmp_path, "--seeds=2", "--periods=1", "--tensorboard") == 0
     assert capsys.readouterr().out.count("no more curves for TensorBoard: No space left") == 1
     assert len(load(tmp_path / TASK)) == 4
 
@@ -82,5 +74,5 @@ def test_curves_that_cannot_be_written_do_not_harm_training(tmp_path, capsys, mo
 def test_without_the_flag_the_package_is_not_needed(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "tensorboard", None)
     monkeypatch.setitem(sys.modules, "torch.utils.tensorboard", None)
-    assert launch(tmp_path, "--periods=1") == 0
+    assert launch(tmp_path, "--seeds=2", "--periods=1") == 0
     assert not (tmp_path / TASK / "tensorboard").exists()

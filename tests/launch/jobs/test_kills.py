@@ -57,7 +57,7 @@ def storm(out: Path, kills: int, chance: random.Random) -> Storm:
             assert status in (0, -signal.SIGKILL), printed
             assert "damaged" not in printed and "from nothing" not in printed
             killed += status != 0
-            half_written += any(here.rglob("*.tmp"))
+            half_written += any(here.rglob(".*.tmp*"))
             now = standings(here) | finished(here)
             lost += sum(now.get(name, 0) < episodes for name, episodes in before.items())
             before = now

@@ -1,5 +1,6 @@
 """A node of a Ray cluster dies in mid-run: whole results, equal to one machine's, each once."""
 
+import functools
 import os
 import re
 import threading
@@ -15,9 +16,9 @@ import ray
 from ray.cluster_utils import Cluster as TwoNodes
 
 from analysis.reading.results import load
-from launch import experiment
-from launch.asking import request
 from launch.folder.layout import RunFolder
+from launch.jobs import worker
+from tests.launch import launching
 
 SMALL = (
     "--task=ur5_reacher", "--seeds=2", "--subgoal_layers=0,1", "--periods=6", "--novideo",
@@ -26,9 +27,7 @@ SMALL = (
 )  # fmt: skip
 
 
-def launch(out: Path, *words: str) -> int:
-    argv = ["launch/run.py", *SMALL, f"--out={out}", *words]
-    return experiment.run(request.parse(argv), argv)
+launch = functools.partial(launching.launch, work=worker.train_job)
 
 
 def learnt(out: Path) -> tuple[pd.DataFrame, dict[str, bytes]]:
@@ -66,7 +65,7 @@ def test_a_node_dies_in_mid_run_and_the_results_are_those_of_one_machine(
     killer = threading.Thread(target=kill_once_checkpointed, daemon=True)
     killer.start()
     address = f"--ray_address={cluster.address}"
-    assert launch(tmp_path / "ray", "--executor=ray", address) == 0
+    assert launch(tmp_path / "ray", *SMALL, "--executor=ray", address) == 0
     killer.join(timeout=1)
     assert not killer.is_alive()
     printed = capsys.readouterr().out
@@ -75,7 +74,7 @@ def test_a_node_dies_in_mid_run_and_the_results_are_those_of_one_machine(
     )
     assert begun_again and int(begun_again[1]) > 0, printed
     assert "\x1b" not in printed and "\r" not in printed  # also in what Ray itself says
-    assert launch(tmp_path / "local", "--workers=2") == 0
+    assert launch(tmp_path / "local", *SMALL, "--workers=2") == 0
     results, weights = learnt(tmp_path / "ray")
     expected_results, expected_weights = learnt(tmp_path / "local")
     pd.testing.assert_frame_equal(results, expected_results, check_exact=True)

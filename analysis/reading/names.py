@@ -1,0 +1,17 @@
+"""What the files of a run folder are called."""
+
+RESULTS = "results.csv"
+MANIFEST = "manifest.json"
+FIGURE = "figure.png"
+FIGURE_NUMBERS = "figure.csv"
+REPORT = "report.html"
+SUBGOALS = "subgoals.csv"
+ANATOMY = "anatomy.json"
+
+WRITTEN_WHOLE = (RESULTS, MANIFEST, FIGURE, FIGURE_NUMBERS, REPORT, SUBGOALS, ANATOMY)
+
+POLICIES = "policies"  # folders
+VIDEOS = "videos"
+FAILURES = "failures"
+CHECKPOINTS = "checkpoints"
+TENSORBOARD = "tensorboard"
