@@ -146,7 +146,8 @@ def _manifest(folder: RunFolder, request: Request) -> manifest.Manifest:
     Raises:
       CommandError: the folder holds runs of another configuration.
     """
-    max_steps, own = _horizon(folder.task)
+    spec = tasks.spec(folder.task)
+    max_steps, own = spec.max_steps, spec.horizons
     wanted = manifest.new(folder.task, max_steps, settings.as_json(request.config))
     wanted["horizons"] = {
         str(layers): list(hac_suite.horizons(max_steps, layers, {**own, **request.attempts}))
@@ -158,14 +159,6 @@ def _manifest(folder: RunFolder, request: Request) -> manifest.Manifest:
     manifest.check_same(folder.manifest, found, wanted)
     found["horizons"].update(wanted["horizons"])
     return found
-
-
-@functools.cache
-def _horizon(task: str) -> tuple[int, dict[int, tuple[int, ...]]]:
-    """A task's control steps, and the attempts of its own that it has for some agents."""
-    env = tasks.load_vector(task, 1)
-    env.close()
-    return env.max_steps, env.horizons
 
 
 def _prepare(
@@ -258,6 +251,7 @@ def _train(launch: Launch, recorder: Recorder, jobs: Sequence[Job], work) -> Non
 def _plan(task: str, request: Request, recorder: Recorder) -> worker.Plan:
     horizons = recorder.manifests[task]["horizons"]
     return worker.Plan(
+        word=tasks.find(task).word,
         out=request.out.resolve(),
         config=request.config,
         horizons={layers: tuple(horizons[str(layers)]) for layers in request.subgoal_layers},

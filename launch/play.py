@@ -13,6 +13,7 @@ if __name__ == "__main__":
 
     start.without_display()
 
+import tasks
 from analysis import program
 from analysis.program import CommandError
 from analysis.reading import names
@@ -39,9 +40,11 @@ def main(argv: Sequence[str]) -> int:
 
 
 def _play(values: flags.FlagValues) -> int:
-    shown, output = _choose(values)
+    task = lists.task(values.task)
+    shown, output = _choose(values, task)
+    word = tasks.find(task).word
     try:
-        for note in video.render(shown, output, episodes=values.episodes):
+        for note in video.render(shown, output, episodes=values.episodes, task=word):
             print(note)
     except video.RenderingError as error:
         print(f"error: {error}", file=sys.stderr)
@@ -52,7 +55,7 @@ def _play(values: flags.FlagValues) -> int:
 
 def _flags() -> flags.FlagValues:
     values = flags.FlagValues()
-    flags.DEFINE_string("task", "pick_place", "which task", values)
+    flags.DEFINE_string("task", "pick_place", "which task, or path/to/file.py:name", values)
     program.define_count(values, "subgoal_layers", 2, "which agent", least=0)
     flags.DEFINE_string(
         "run", None, "run folder; if not given, runs/TASK, or published policies", values
@@ -69,12 +72,11 @@ def _flags() -> flags.FlagValues:
     return values
 
 
-def _choose(values: flags.FlagValues) -> tuple[list[Path], Path]:
+def _choose(values: flags.FlagValues, task: str) -> tuple[list[Path], Path]:
     """The policies that the flags name, in the order to show them; where their picture goes."""
     output = Path(values.output)
     if output.suffix not in (".mp4", ".png"):
         raise CommandError(f"flag --output={output}: its name ends in .mp4 or .png")
-    task = lists.task(values.task)
     where = Path("runs", task) if values.run is None else Path(values.run)
     found = policies.find(where / names.POLICIES)
     if values.run is None and not found and (published := policies.published(task)):

@@ -44,7 +44,7 @@ def find(word: str) -> registry.Entry:
       word: the name of a registered task; or `path/to/file.py:name`, a task that a Python file of
         one's own registers as the suite's files do, with `tasks.registry.add`. The file is run
         once in a process. Its tasks cannot collide with the suite's: their name is the file's, a
-        dash, and their own.
+        dash, and their own. In that process the name then finds the task as well.
 
     Raises:
       ValueError: there is no such task, or its file does not run; one line says what to do.
@@ -104,6 +104,7 @@ def _in_a_file(word: str) -> registry.Entry | None:
         raise ValueError(_NO_FILE.format(path=path))
     found = _tasks_of(Path(path).resolve())
     if name in found:
+        _FOUND[found[name].name] = found[name]
         return found[name]
     if not name and found:
         raise ValueError(_NO_NAME.format(path=path, name=next(iter(found))))
@@ -115,7 +116,12 @@ def _in_a_file(word: str) -> registry.Entry | None:
 
 # What can answer a word, asked in turn. Words of another form get a function of their own here,
 # which returns None for words that are not of its form.
-_LOOKS: tuple[Callable[[str], registry.Entry | None], ...] = (registry.get, _in_a_file)
+_LOOKS: tuple[Callable[[str], registry.Entry | None], ...] = (
+    registry.get,
+    _in_a_file,
+    lambda word: _FOUND.get(word),
+)
+_FOUND: dict[str, registry.Entry] = {}  # in files of one's own, by name
 
 
 @functools.cache

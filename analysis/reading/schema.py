@@ -28,13 +28,16 @@ LEVEL_FIELDS = (
     "saturation",
     "replay_fill",
     "success",
+    "test_achieved",
+    "test_missed",
 )
 """Per level: attempts per training episode since the last test period (`proposed`); the shares of
 these attempts whose subgoal was `achieved`, `tested` or `penalised` (empty at level 0, which
 proposes actions); the learner's state on replayed transitions; the share of the level's own goals
-that it reached in training (`success`)."""
+that it reached in training (`success`); the shares of its subgoals in noise-free tests that were
+`test_achieved` or `test_missed`, the rest having been cut short."""
 
-SHARES = ("achieved", "tested", "penalised", "success")
+SHARES = ("achieved", "tested", "penalised", "success", "test_achieved", "test_missed")
 """Level fields that are shares of counts, hence from 0 to 1."""
 
 MAX_LEVELS = 3

@@ -10,6 +10,7 @@ import torch
 from hac_suite.algorithm import exploration
 from hac_suite.algorithm.exploration import Purpose
 from hac_suite.algorithm.hierarchy import collect
+from hac_suite.algorithm.record import Outcome
 from hac_suite.config import Config
 from hac_suite.policy import Policy
 from hac_suite.state import SeedState, restoring
@@ -247,12 +248,24 @@ class Training:
         for level, measured in enumerate(diagnosed):
             columns = self._tally.columns(level, index)
             columns.update({name: values[index] for name, values in measured.items()})
+            columns.update(_in_tests(stats.outcomes[level, own].sum(axis=0)))
             row.update({f"level{level}_{name}": columns.get(name, np.nan) for name in DIAGNOSTICS})
         return row
 
 
-# Per level and test period: attempts an episode (`proposed`), shares of them, and the learner's
-# state on replayed transitions.
+def _in_tests(outcomes: np.ndarray) -> dict[str, float]:
+    """Shares of a level's subgoals by what came of them, of counts [4] of each Outcome."""
+    proposed = outcomes.sum()
+    if not proposed:
+        return {}
+    return {
+        "test_achieved": float(outcomes[Outcome.ACHIEVED] / proposed),
+        "test_missed": float(outcomes[Outcome.MISSED] / proposed),
+    }
+
+
+# Per level and test period: attempts an episode (`proposed`), shares of them, the learner's state
+# on replayed transitions, and shares of the subgoals of the noise-free tests.
 DIAGNOSTICS = (
     "proposed",
     "achieved",
@@ -264,4 +277,6 @@ DIAGNOSTICS = (
     "saturation",
     "replay_fill",
     "success",
+    "test_achieved",
+    "test_missed",
 )

@@ -4,32 +4,29 @@ import re
 from collections.abc import Sequence
 
 import tasks
-from analysis.program import MOST, CommandError, unknown
+from analysis.program import MOST, CommandError
 from analysis.reading import schema
 
 
 def task(word: str) -> str:
-    """The task that a --task flag names.
+    """The name of the task that a --task flag names: of the suite, or in a file of one's own.
 
     Raises:
-      CommandError: there is none of that name.
+      CommandError: there is none, or its file does not run.
     """
-    if word not in tasks.ALL:
-        raise CommandError(unknown("task", word, tasks.ALL))
-    return word
+    try:
+        return tasks.find(word).name
+    except ValueError as error:
+        raise CommandError(str(error)) from error
 
 
 def tasks_named(word: str) -> tuple[str, ...]:
-    """The tasks that a --task flag names: one, or `all` of them.
+    """The names of the tasks that a --task flag names: one, or `all` of the suite's.
 
     Raises:
-      CommandError: there is none of that name.
+      CommandError: as `task`.
     """
-    if word == "all":
-        return tuple(tasks.ALL)
-    if word not in tasks.ALL:
-        raise CommandError(unknown("task", word, [*tasks.ALL, "all"]))
-    return (word,)
+    return tuple(tasks.ALL) if word == "all" else (task(word),)
 
 
 def subgoal_layers(words: Sequence[str]) -> tuple[int, ...]:

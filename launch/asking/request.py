@@ -97,7 +97,9 @@ def config_keys() -> str:
 def define_flags() -> flags.FlagValues:
     """The flags of training, without --config, which `read` adds: it looks at the words."""
     values = flags.FlagValues()
-    flags.DEFINE_string("task", "pick_place", f"{', '.join(tasks.ALL)}, or all", values)
+    flags.DEFINE_string(
+        "task", "pick_place", f"{', '.join(tasks.ALL)}, all, or path/to/file.py:name", values
+    )
     flags.DEFINE_string("seeds", "10", "how many, from 0 on; or which: 100-103, or 3,5", values)
     flags.DEFINE_list(
         "subgoal_layers", "0,1,2", "which agents; 0 is DDPG with hindsight", flag_values=values

@@ -1,6 +1,5 @@
 """What a worker does with a job: trains its population, saves its policies, sends its rows."""
 
-import functools
 import math
 import signal
 import time
@@ -25,6 +24,7 @@ _SECONDS_BETWEEN_MESSAGES = 1.0
 class Plan(NamedTuple):
     """What the jobs of one task have in common."""
 
+    word: str  # that finds the task
     out: Path
     config: hac_suite.Config
     horizons: Mapping[int, tuple[int, ...]]  # by number of subgoal layers
@@ -54,7 +54,7 @@ def train_job(job: Job, send: Send, *, plans: Mapping[str, Plan]) -> None:
     signal.signal(signal.SIGTERM, saver.stop)
 
     results = hac_suite.train(
-        functools.partial(tasks.load_vector, task),
+        tasks.find(plan.word).load_vector,
         plan.config,
         job.seeds,
         subgoal_layers=subgoal_layers,

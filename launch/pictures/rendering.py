@@ -50,6 +50,8 @@ def main(argument: str) -> None:
     if not request:
         _probe()
         return
+    if request.get("task"):
+        tasks.find(request["task"])
     output = Path(request["output"])
     strip = output.suffix == ".png"
     try:
@@ -148,9 +150,8 @@ def film_episode(policy: hac_suite.Policy, seed: int, label: str, show: Show) ->
 
 def frames_per_second(task: str) -> int:
     """As many as play in real time; where screens do not show so many, at down to half speed."""
-    env = tasks.load_vector(task, 1)
-    env.close()
-    return min(_MOST_FRAMES_PER_SECOND, round(1 / (_STEPS_PER_FRAME * env.control_timestep)))
+    seconds = tasks.spec(task).control_timestep
+    return min(_MOST_FRAMES_PER_SECOND, round(1 / (_STEPS_PER_FRAME * seconds)))
 
 
 def titled(picture: np.ndarray, first: str, second: str) -> np.ndarray:

@@ -6,6 +6,7 @@ from pathlib import Path
 from rich.console import Console
 from rich.table import Table
 
+import tasks
 from analysis.program import CommandError
 from analysis.reading.results import load
 from analysis.report.run_report import write_report
@@ -66,7 +67,7 @@ def _video(folder: RunFolder, layers: int, console: Console, stop: StopSignal) -
             return
         console.print(f"rendering {target}", soft_wrap=True)
         shown = [policy.path for policy in policies.typical(own)]
-        for note in video.render(shown, target, stop=stop):
+        for note in video.render(shown, target, stop=stop, task=tasks.find(folder.task).word):
             console.print(note, soft_wrap=True)
     except (CommandError, video.RenderingError) as error:
         agent = Agent(folder.task, layers)

@@ -35,6 +35,7 @@ def render(
     episodes: int = 2,
     backends: Sequence[str] = BACKENDS,
     stop: StopSignal | None = None,
+    task: str | None = None,
 ) -> list[str]:
     """Renders test episodes of a policy into `output`: a video (.mp4) or a strip of frames (.png).
 
@@ -44,6 +45,8 @@ def render(
       episodes: how many a video shows, successful ones first.
       backends: values of MUJOCO_GL, tried in turn.
       stop: ends the rendering when set.
+      task: the word that finds theirs, which one in a file of one's own needs: the renderer runs
+        that file. What the policies' own files say runs nothing.
 
     Returns:
       What the user should know: which backend was fallen back to, and why.
@@ -53,6 +56,7 @@ def render(
         rendering was stopped; `output` is untouched.
     """
     request = {
+        "task": task,
         "policies": [str(policy) for policy in policies],
         "output": str(output),
         "episodes": episodes,

@@ -47,12 +47,8 @@ class _OutOfBudget(Exception):
 
 def horizons_of(names: tuple[str, ...]) -> dict[str, tuple[int, dict[int, tuple[int, ...]]]]:
     """By task, its control steps, and the T of its own that it has for some agents."""
-    found = {}
-    for name in names:
-        env = tasks.load_vector(name, 1)
-        env.close()
-        found[name] = (env.max_steps, dict(env.horizons))
-    return found
+    specs = {name: tasks.spec(name) for name in names}
+    return {name: (spec.max_steps, dict(spec.horizons)) for name, spec in specs.items()}
 
 
 def carry_out(plan: Plan, workers: int, stop: StopSignal) -> int:

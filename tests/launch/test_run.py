@@ -94,3 +94,28 @@ def test_a_wrong_command_exits_with_2_one_line_and_nothing_created(tmp_path, wor
 def test_help(tmp_path):
     done = run(tmp_path, "--help")
     assert done.returncode == 0 and "--task=pick_place" in done.stdout
+
+
+OWN_TASK = '''"""A task of one's own: the pendulum, in another file."""
+
+import tasks
+from tasks import pendulum, registry
+
+
+@registry.add(tasks.spec("pendulum_climb"))
+def swing(test: bool = False):
+    return pendulum.pendulum_climb(test)
+'''
+
+
+def test_a_task_in_a_file_of_ones_own_is_trained_as_one_of_the_suite(tmp_path):
+    (tmp_path / "mine.py").write_text(OWN_TASK)
+    words = [word for word in SMALL if not word.startswith("--task")]
+    done = run(tmp_path, "--task=mine.py:swing", *words, "--workers=2", "--novideo")
+    assert done.returncode == 0, done.stderr
+    assert "mine-swing, 1 subgoal layer: 2 seed(s)" in done.stdout
+    results = load(tmp_path / "runs" / "mine-swing")
+    assert set(results["task"]) == {"mine-swing"} and len(results) == 4
+    done = run(tmp_path, "--task=mine.py:swign", *words)
+    assert (done.returncode, done.stderr.count("\n")) == (2, 1)
+    assert "did you mean 'swing'?" in done.stderr

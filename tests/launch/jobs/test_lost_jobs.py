@@ -57,7 +57,7 @@ def save(folder: RunFolder, seed: int, *episodes: int) -> None:
 
 
 def again(folder: RunFolder, recorder: Recorder) -> Job:
-    plan = worker.Plan(folder.path.parent, CONFIG, {1: HORIZONS}, 4)
+    plan = worker.Plan(AGENT.task, folder.path.parent, CONFIG, {1: HORIZONS}, 4)
     said: list[str] = []
     return lost_jobs.again(JOB, recorder=recorder, plans={AGENT.task: plan}, say=said.append)
 
