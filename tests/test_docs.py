@@ -148,7 +148,8 @@ def check_file(path: str, words: list[str]) -> None:
 
 def is_a_readers_own(word: str) -> bool:
     """Whether a flag names a file that only the reader has, in a form that the pages explain."""
-    return bool(re.fullmatch(r"--config\.learner=(path/to/\w+\.py|FILE\.py):\w+", word))
+    own = r"--(config\.learner|task)=(path/to/\w+\.py|FILE\.py):\w+"
+    return bool(re.fullmatch(own, word))
 
 
 def check_words(program: str, words: list[str]) -> None:

@@ -13,6 +13,7 @@ import select
 import signal
 import sys
 import time
+import types
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
@@ -44,13 +45,12 @@ def tiny(monkeypatch) -> None:
 
 
 def tiny_task(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Puts the tiny task in place of the real ones."""
-
-    def load_vector(name: str, num_envs: int) -> PointEnv:
-        return PointEnv(num_envs, max_steps=MAX_STEPS)
-
-    monkeypatch.setattr(tasks, "load_vector", load_vector)
-    monkeypatch.setattr(experiment, "_horizon", lambda task: (MAX_STEPS, {}))
+    """Puts the tiny task in place of the real one."""
+    found, find = types.SimpleNamespace(name=TASK, word=TASK), tasks.find
+    found.spec = types.SimpleNamespace(max_steps=MAX_STEPS, horizons={})
+    found.load_vector = functools.partial(PointEnv, max_steps=MAX_STEPS)
+    monkeypatch.setattr(tasks, "find", lambda word: found if word == TASK else find(word))
+    monkeypatch.setattr(tasks, "spec", lambda word: tasks.find(word).spec)
     in_one_process(monkeypatch)
     monkeypatch.setattr(checkpointing, "MOST_SECONDS_BETWEEN", 0.0)
     monkeypatch.setattr(checkpointing, "MOST_SHARE", math.inf)

@@ -162,6 +162,7 @@ def uninterrupted(out: Path, monkeypatch: pytest.MonkeyPatch) -> dict:
     return outcome(out)
 
 
+@pytest.mark.slow
 def test_a_killed_launch_goes_on_in_real_processes(tmp_path, monkeypatch):
     killed = start(tmp_path)
     episode = wait_for_checkpoint(tmp_path)
