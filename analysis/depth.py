@@ -42,7 +42,7 @@ STUDY = {"ur5_reacher": (200, 400, 800), "pick_place": (300, 600, 1200)}
 """By motion, the numbers of decisions that it is taken in; the suite's own comes first."""
 GAINS = ((1, 0), (2, 1))
 """Agents compared, by subgoal layers: the first is to gain over the second."""
-SEEDS, PERIODS, RUNS = "100-109", 10, "runs/depth"
+SEEDS, PERIODS, RUNS = "10-19", 10, "runs/depth"
 
 _NOTHING = (
     "{folder}: holds no results of {tasks}; `python -m analysis.depth --commands` prints what "

@@ -96,6 +96,8 @@ def _flags() -> flags.FlagValues:
 
 
 def _named(words: Sequence[str]) -> Sequence[str]:
+    if not words:
+        raise CommandError(f"flag --variants=: it takes some of {', '.join(VARIANTS)}")
     for word in words:
         if word not in VARIANTS:
             raise CommandError(unknown("variant", word, VARIANTS))

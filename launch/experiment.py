@@ -2,8 +2,9 @@
 
 import contextlib
 import functools
+import math
 from collections import defaultdict
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import NamedTuple
 
 from rich.console import Console
@@ -79,12 +80,26 @@ def run(request: Request, command: Sequence[str], *, work=worker.train_job) -> i
         _lock(there, held)
         found = _interrupted(launch, there)  # what is refused is refused before a folder is made
         _lock([folder for folder in folders.values() if folder not in there], held)
+        for line in _short(request):
+            launch.say(line)
         recorder = _recorder(launch, command)
         _train(launch, recorder, _prepare(launch, recorder, found), work)
         if stop.number is None:
             summary.present(folders.values(), request, launch.console, stop)
         recorder.close(stopped=stop.number is not None)
         return _conclude(launch, recorder)
+
+
+def _short(request: Request) -> Iterator[str]:
+    """Warns of T with which an episode ends early in training."""
+    for task in request.tasks:
+        steps = tasks.spec(task).max_steps
+        for layers, attempts in request.attempts.items():
+            if math.prod(attempts) < 0.9 * steps:
+                yield (
+                    f"warning: {Agent(task, layers)}: T = {list(attempts)} allows "
+                    f"{math.prod(attempts)} of the {steps} steps of a training episode"
+                )
 
 
 def _cluster(request: Request, held: contextlib.ExitStack) -> on_ray.Cluster | None:
@@ -153,6 +168,8 @@ def _manifest(folder: RunFolder, request: Request) -> manifest.Manifest:
         str(layers): list(hac_suite.horizons(max_steps, layers, {**own, **request.attempts}))
         for layers in request.subgoal_layers
     }
+    if own_file := manifest.task_file(tasks.find(folder.task).word):
+        wanted["task_file"] = own_file
     found = manifest.read(folder.manifest)
     if found is None:
         return wanted

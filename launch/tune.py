@@ -117,7 +117,7 @@ def _flags() -> flags.FlagValues:
         least=0,
         most=schema.MAX_LEVELS - 1,
     )
-    flags.DEFINE_string("learner", None, "where Config has one: which; none: its default", values)
+    flags.DEFINE_string("learner", None, "ddpg, td3 or FILE.py:CLASS; none: the default", values)
     flags.DEFINE_string("seeds", "100-103", "which: 100-103 or 105,107", values)
     program.define_count(values, "periods", 5, "test periods that a trial trains for", least=1)
     flags.DEFINE_float(
@@ -170,8 +170,6 @@ def _seeds(word: str) -> tuple[int, ...]:
 def _learner(name: str | None) -> str | None:
     if name is None:
         return None
-    if "learner" not in settings.field_names():
-        raise CommandError(f"flag --learner={name}: hac_suite.Config has no learner to choose")
     settings.to_config({**settings.as_json(hac_suite.Config()), "learner": name})
     return name
 

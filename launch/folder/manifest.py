@@ -1,5 +1,6 @@
 """manifest.json: what a run folder's results were made with, and by which commands."""
 
+import hashlib
 import importlib.metadata
 import json
 import os
@@ -109,7 +110,18 @@ def _pairs(manifest: Manifest, wanted: Manifest) -> list[tuple[str, Any, Any]]:
         for layers, attempts in wanted["horizons"].items()
         if layers in manifest["horizons"]
     ]
+    # Where the task is one of the suite's, the commit says which it was.
+    pairs.append(("task_file", manifest.get("task_file"), wanted.get("task_file")))
     return [*pairs, ("max_steps", manifest["max_steps"], wanted["max_steps"])]
+
+
+def task_file(word: str) -> dict[str, str] | None:
+    """Which file a task of one's own is in, and what it holds; None for the suite's."""
+    path, _, _ = word.rpartition(":")
+    if not path:
+        return None
+    digest = hashlib.sha256(Path(path).read_bytes()).hexdigest()[:16]
+    return {"task": word, "sha256": digest}
 
 
 def now() -> str:

@@ -158,8 +158,10 @@ def test_the_commands_train_every_task_of_the_study(capsys, monkeypatch):
             entry.spec.max_steps,
         )
         found.append(entry.spec.max_steps)
-        asked = request.parse([word for word in words if not word.startswith("--task=")])
-        assert asked.seeds == tuple(range(100, 110)) and asked.subgoal_layers == (0, 1, 2)
+        asked = request.parse(words)
+        assert asked.tasks == (entry.name,)
+        # Neither published before nor tuned on.
+        assert asked.seeds == tuple(range(10, 20)) and asked.subgoal_layers == (0, 1, 2)
         assert not asked.video and str(asked.out) == "runs/depth"
     assert found == [200, 400, 800, 300, 600, 1200]
     paper, changed = hac_suite.PRESETS["paper"], asked.config

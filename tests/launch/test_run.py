@@ -111,11 +111,14 @@ def swing(test: bool = False):
 def test_a_task_in_a_file_of_ones_own_is_trained_as_one_of_the_suite(tmp_path):
     (tmp_path / "mine.py").write_text(OWN_TASK)
     words = [word for word in SMALL if not word.startswith("--task")]
-    done = run(tmp_path, "--task=mine.py:swing", *words, "--workers=2", "--novideo")
+    done = run(tmp_path, "--task=mine.py:swing", *words, "--seeds=1", "--novideo")
     assert done.returncode == 0, done.stderr
-    assert "mine-swing, 1 subgoal layer: 2 seed(s)" in done.stdout
+    assert "mine-swing, 1 subgoal layer: 1 seed(s)" in done.stdout
     results = load(tmp_path / "runs" / "mine-swing")
-    assert set(results["task"]) == {"mine-swing"} and len(results) == 4
+    assert set(results["task"]) == {"mine-swing"} and len(results) == 2
+    (tmp_path / "mine.py").write_text(OWN_TASK + "\n# changed\n")
+    done = run(tmp_path, "--task=mine.py:swing", *words, "--seeds=2", "--novideo")
+    assert done.returncode == 2 and "task_file is" in done.stderr
     done = run(tmp_path, "--task=mine.py:swign", *words)
     assert (done.returncode, done.stderr.count("\n")) == (2, 1)
     assert "did you mean 'swing'?" in done.stderr

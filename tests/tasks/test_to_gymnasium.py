@@ -191,6 +191,7 @@ def one_thread():
     torch.set_num_threads(threads)
 
 
+@pytest.mark.slow
 def test_ddpg_with_hindsight_trains(one_thread):
     model = stable_baselines3.DDPG(
         "MultiInputPolicy",

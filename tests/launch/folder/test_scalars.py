@@ -3,6 +3,7 @@
 import sys
 from pathlib import Path
 
+import pytest
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
 from analysis.reading.results import load
@@ -33,6 +34,7 @@ def test_each_seed_has_its_curves(tmp_path):
     assert not (tmp_path / TASK / "tensorboard" / f"{TASK}_1layers_seed2").exists()
 
 
+@pytest.mark.slow
 def test_going_on_repeats_no_point_and_catches_up_with_what_was_not_watched(tmp_path):
     (tmp_path / "kill").write_text("1")
     assert launch(tmp_path, "--seeds=2", "--periods=3", "--tensorboard") == 1

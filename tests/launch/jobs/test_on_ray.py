@@ -98,6 +98,7 @@ def test_a_signal_ends_the_workers_and_lets_them_save(own, tmp_path, seconds):
     assert (tmp_path / "saved").read_text() == "all of it"
 
 
+@pytest.mark.slow
 def test_a_job_lost_with_its_ray_process_begins_again_where_it_is_told_to(own, tmp_path):
     job = Job(Agent("first_time", 0), (0,), 0, 800)
     work = fake_jobs.kill_ray_process_at_start
@@ -109,6 +110,7 @@ def test_a_job_lost_with_its_ray_process_begins_again_where_it_is_told_to(own, t
     assert lost.reason == "WorkerCrashedError; goes on elsewhere from episode 300"
 
 
+@pytest.mark.slow
 def test_a_lost_job_whose_checkpoints_cannot_be_used_fails_with_that_reason(own, tmp_path):
     def unusable(job):
         raise CommandError("they are another run's")

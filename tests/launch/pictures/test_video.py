@@ -87,6 +87,7 @@ def test_play_writes_an_mp4_that_players_open(run, tmp_path, capsys):
     assert np.abs(frames[0].astype(int) - frames[len(frames) // 2]).max() > 50
 
 
+@pytest.mark.slow
 @pytest.mark.requires_gl
 def test_play_writes_a_strip_of_frames_from_a_renamed_run_folder(copy, tmp_path):
     output, renamed = tmp_path / "strip.png", tmp_path / "of last week"
