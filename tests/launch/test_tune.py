@@ -249,7 +249,7 @@ def test_lost_seeds_count_as_failures(tmp_path):
 @pytest.mark.parametrize("layers", [0, 2])
 def test_the_real_training_is_what_a_trial_carries_out(tmp_path, layers):
     more = [f"--subgoal_layers={layers}", "--learner=td3", "--periods=1"]
-    assert tune.main(words(tmp_path, seconds=0.5, more=more), train=fake_trainings.tiny) == 0
+    assert tune.main(words(tmp_path, seconds=1.5, more=more), train=fake_trainings.tiny) == 0
     first = study(tmp_path, f"pendulum_climb_{layers}layers_td3").trials[0]
     curves = first.user_attrs["curves"]["pendulum_climb"]
     assert len(curves["T"]) == layers + 1 and curves["train_steps"][1] > 0
