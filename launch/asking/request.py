@@ -1,6 +1,7 @@
 """The training command line: typed words in; a checked Request or one clear CommandError out."""
 
 import importlib.util
+import os
 import re
 import warnings
 from collections.abc import Sequence
@@ -254,5 +255,5 @@ def _check_config_file(name: str | None) -> None:
     if name is None:
         raise program.CommandError("flag --config: it takes a file, as in --config=my_config.py")
     if not Path(name).is_file():
-        own = ", ".join(sorted(f"launch/configs/{path.name}" for path in CONFIGS.glob("[!_]*.py")))
+        own = ", ".join(sorted(os.path.relpath(path) for path in CONFIGS.glob("[!_]*.py")))
         raise program.CommandError(f"there is no config file {name!r}; there are {own}")
