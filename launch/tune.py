@@ -18,6 +18,7 @@ if __name__ == "__main__":
     start.for_training()
 
 import hac_suite
+import tasks
 from analysis import program
 from analysis.program import CommandError
 from analysis.reading import schema
@@ -152,6 +153,8 @@ def _request(values: flags.FlagValues) -> Request:
 
 def _tasks(words: Sequence[str]) -> tuple[str, ...]:
     names = tuple(name for word in words for name in lists.tasks_named(word.strip()))
+    if own := [name for name in names if name not in tasks.ALL]:
+        raise CommandError(f"flag --task: {own[0]} is in a file; it takes the suite's tasks")
     if not names or len(set(names)) < len(names):
         raise CommandError(f"flag --task={','.join(words)}: it takes tasks, each of them once")
     return names

@@ -83,3 +83,8 @@ def test_help_names_the_variants_and_each_flag_of_training_once(capsys):
     printed = capsys.readouterr().out
     assert all(name in printed for name in ablate.VARIANTS)
     assert printed.count("\n  --seeds=") == printed.count("\n  --out=") == 1
+
+
+def test_no_variants_are_answered(capsys):
+    assert ablate.main(["launch/ablate.py", "--variants="]) == 2
+    assert "--variants=: it takes some of paper, " in capsys.readouterr().err

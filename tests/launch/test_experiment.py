@@ -13,6 +13,8 @@ from rich.console import Console
 
 from analysis.program import CommandError
 from analysis.reading.results import load
+from launch import experiment
+from launch.asking import request
 from launch.folder import manifest
 from launch.folder.agents import Agent, Job
 from launch.folder.layout import RunFolder
@@ -206,3 +208,10 @@ def test_a_damaged_policy_or_number_costs_a_warning_and_not_the_summary(tmp_path
     folder.results.write_text(folder.results.read_text().replace(",0.25,", ",often,"))
     assert launch(tmp_path, *words) == 0
     assert "success_rate is 'often'" in capsys.readouterr().out
+
+
+def test_attempts_that_span_too_few_steps_are_warned_of():
+    asked = request.parse(["", "--task=pendulum_climb"])
+    short = asked._replace(attempts={1: (20, 8), 2: (20, 5, 3)})
+    (warning,) = experiment._short(short)
+    assert "1 subgoal layer: T = [20, 8] allows 160 of the 300 steps" in warning
