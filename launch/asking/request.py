@@ -141,7 +141,7 @@ def define_flags() -> flags.FlagValues:
     flags.DEFINE_boolean(
         "other_versions",
         False,
-        "go on from checkpoints that other versions of MuJoCo, torch, ... left",
+        "resume from checkpoints that other versions of MuJoCo, torch, ... left",
         values,
     )
     return values
