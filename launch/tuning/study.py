@@ -23,7 +23,7 @@ from optuna.trial import FrozenTrial, Trial, TrialState
 import hac_suite
 from analysis.program import CommandError
 from launch.asking import settings
-from launch.tuning.space import Parameter, Space
+from launch.tuning.space import Parameter, Space, Values
 
 SUFFIX = ".journal"
 BEAT_SECONDS = 30.0  # so often a trial says that it is alive, and what it has cost
@@ -98,17 +98,20 @@ class Study:
         differences = [
             f"{name} is {old!r} there and {new!r} here"
             for name, old, new in _flat(pairs)
-            if old != new
+            if old != new and not _is_added_start(name, old)
         ]
         if differences:
             raise CommandError(_DIFFERS.format(path=self.path, differences="; ".join(differences)))
 
     def _enqueue_starts(self) -> None:
         begun = {trial.user_attrs.get("label") for trial in self.trials()}
+        asked: list[Values] = []
         for label in self.space.starts:
-            if label not in begun:
-                values = self.space.start(label, self.asked.subgoal_layers)
+            values = self.space.start(label, self.asked.subgoal_layers)
+            # What sets two starts apart may do nothing for an agent with few subgoal layers.
+            if label not in begun and values not in asked:
                 self._study.enqueue_trial(values, {"label": label})
+            asked.append(values)
 
     def trials(self) -> list[FrozenTrial]:
         return self._study.get_trials(deepcopy=False)
@@ -225,6 +228,11 @@ def _flat(pairs: Sequence[tuple[str, Any, Any]]) -> Iterator[tuple[str, Any, Any
             yield from _flat([(f"{name}.{key}", old.get(key), new.get(key)) for key in keys])
         else:
             yield name, old, new
+
+
+def _is_added_start(name: str, old: Any) -> bool:
+    """Whether the search file has a start by now that the study has yet to try."""
+    return old is None and re.fullmatch(r"search\.starts\.[^.]+", name) is not None
 
 
 def _open(path: Path, name: str) -> optuna.Study:
