@@ -4,6 +4,7 @@ import os
 import signal
 import subprocess
 import sys
+import tempfile
 from pathlib import Path
 
 import optuna
@@ -17,12 +18,15 @@ from tests.launch import fake_trainings
 ROOT = Path(__file__).resolve().parents[2]
 NAME = "pendulum_climb_1layers"
 SECOND = 1 / 3600  # in hours
+_FOLDER = tempfile.TemporaryDirectory()  # for the length of the test run
+TWO_STARTS = Path(_FOLDER.name, "two_starts.toml")
+TWO_STARTS.write_text(tune.space.FILE.read_text().split("# Hindsight and critic as in")[0])
 
 
 def words(out, *, seconds=60.0, more=()):
     return [
         "launch/tune.py", "--task=pendulum_climb", "--seeds=100-101", "--periods=3",
-        f"--hours={seconds * SECOND}", f"--out={out}", *more,
+        f"--search={TWO_STARTS}", f"--hours={seconds * SECOND}", f"--out={out}", *more,
     ]  # fmt: skip
 
 
@@ -305,7 +309,7 @@ def test_a_journal_of_another_study_is_refused_and_kept(tmp_path, capsys, word, 
 
 def test_another_search_space_is_another_study(tmp_path, capsys):
     tune.main(words(tmp_path, seconds=0.1), train=fake_trainings.quick)
-    text = tune.space.FILE.read_text().replace(
+    text = TWO_STARTS.read_text().replace(
         "learning_rate = { low = 3e-4", "learning_rate = { low = 1e-4"
     )
     (tmp_path / "wide.toml").write_text(text)
@@ -314,6 +318,31 @@ def test_another_search_space_is_another_study(tmp_path, capsys):
     assert (
         "search.space.learning_rate.low is 0.0003 there and 0.0001 here" in capsys.readouterr().err
     )
+
+
+def test_a_start_that_was_added_is_tried_next_and_no_start_twice(tmp_path):
+    tune.main(words(tmp_path, seconds=0.3), train=fake_trainings.quick)
+    begun = len(study(tmp_path).trials)
+    text = TWO_STARTS.read_text()
+    more = text + "[starts.fast]\nlearning_rate = 0.002\n[starts.same]\nlearning_rate = 0.001\n"
+    (tmp_path / "more.toml").write_text(more)
+    command = words(tmp_path, seconds=1.2, more=[f"--search={tmp_path / 'more.toml'}"])
+    assert tune.main(command, train=fake_trainings.quick) == 0
+    labels = [trial.user_attrs.get("label") for trial in study(tmp_path).trials]
+    assert labels[:2] == ["default", "candidate"]
+    later = study(tmp_path).trials[begun:]
+    assert [t.params["learning_rate"] for t in later if "label" in t.user_attrs] == [0.002]
+    assert "same" not in labels  # it is the default once more
+
+
+def test_a_start_that_was_changed_is_another_study(tmp_path, capsys):
+    tune.main(words(tmp_path, seconds=0.1), train=fake_trainings.quick)
+    text = TWO_STARTS.read_text().replace("subgoal_noise = 0.03", "subgoal_noise = 0.05")
+    (tmp_path / "changed.toml").write_text(text)
+    command = words(tmp_path, more=[f"--search={tmp_path / 'changed.toml'}"])
+    assert tune.main(command, train=fake_trainings.raises) == 2
+    said = "search.starts.candidate.subgoal_noise is 0.03 there and 0.05 here"
+    assert said in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("text", ["no journal\n", "no journal", '{"a": 1}\n', '{"op_code"\n{"x"\n'])
