@@ -29,7 +29,7 @@ _HELP = """Compares 0, 1 and 2 subgoal layers where the same motion takes more a
   python -m analysis.depth --data=runs/depth
 
 writes depth.png, the numbers it shows (depth.csv, depth_curves.csv) and the verdicts (depth.md).
-The tasks are those of tasks/depth.py. --data holds TASK/results.csv.
+The tasks are those of tasks/families/depth.py. --data holds TASK/results.csv.
 
 Flags:
 {flags}
@@ -319,7 +319,7 @@ def curves_of(results: pd.DataFrame, budget: dict[str, int]) -> pd.DataFrame:
 def commands() -> list[str]:
     """What trains the study's runs, a line for each task, and what compares them then."""
     trainings = [
-        f"python launch/run.py --task=tasks/depth.py:{motion}_{decisions} --seeds={SEEDS} "
+        f"python launch/run.py --task=tasks/families/depth.py:{motion}_{decisions} --seeds={SEEDS} "
         f"--periods={PERIODS} --config=launch/configs/candidate.py --out={RUNS} --novideo"
         for motion, steps in STUDY.items()
         for decisions in steps

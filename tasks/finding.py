@@ -14,10 +14,10 @@ from dm_control import composer
 
 # Importing a task's module registers it; this order is the order of `ALL`.
 # isort: off
-from tasks import pendulum  # noqa: F401
-from tasks import ur5_reacher  # noqa: F401
-from tasks import cartpole  # noqa: F401
-from tasks import pick_place  # noqa: F401
+from tasks.families import pendulum  # noqa: F401
+from tasks.families import ur5_reacher  # noqa: F401
+from tasks.families import cartpole  # noqa: F401
+from tasks.families import pick_place  # noqa: F401
 
 # isort: on
 from tasks import registry

@@ -36,6 +36,7 @@ ROOMS = {
     "launch/jobs": {"asking", "folder"},
     "launch/tuning": {"asking", "folder", "jobs"},
     "launch/pictures": {"asking", "folder", "jobs"},
+    "tasks/families": {".", "robots"},
     "tasks/robots": {"."},
 }
 # What a house's own files may import of its rooms; everything, where a house is not named.
@@ -114,8 +115,8 @@ def test_a_file_imports_only_what_its_room_may(path):
 @pytest.mark.parametrize(
     ("path", "source", "wrong"),
     [
-        ("tasks/pendulum.py", "import hac_suite", "hac_suite"),
-        ("tasks/pendulum.py", "import gymnasium", "gymnasium"),
+        ("tasks/families/pendulum.py", "import hac_suite", "hac_suite"),
+        ("tasks/families/pendulum.py", "import gymnasium", "gymnasium"),
         ("hac_suite/training/loop.py", "from tasks import vector", "tasks"),
         ("hac_suite/training/loop.py", "def f():\n    import scipy.stats", "scipy"),
         ("analysis/reading/results.py", "from launch.folder.results import read", "launch"),

@@ -99,7 +99,8 @@ def test_help(tmp_path):
 OWN_TASK = '''"""A task of one's own: the pendulum, in another file."""
 
 import tasks
-from tasks import pendulum, registry
+from tasks import registry
+from tasks.families import pendulum
 
 
 @registry.add(tasks.spec("pendulum_climb"))

@@ -265,7 +265,7 @@ def test_the_real_training_is_what_a_trial_carries_out(tmp_path, layers):
     [
         ("--task=pendulum_clim", "unknown task 'pendulum_clim': did you mean 'pendulum_climb'?"),
         ("--task=pendulum_climb,pendulum_climb", "each of them once"),
-        (f"--task={ROOT}/tasks/depth.py:ur5_reacher_400", "it takes the suite's tasks"),
+        (f"--task={ROOT}/tasks/families/depth.py:ur5_reacher_400", "it takes the suite's tasks"),
         ("--seeds=10", "names seed 0: those below 100 are for published results"),
         ("--seeds=99-103", "names seed 99"),
         ("--hours=0", "it takes core-hours above zero"),

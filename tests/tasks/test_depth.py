@@ -12,7 +12,7 @@ import tasks
 from tasks import vector
 from tests.tasks import scripted
 
-_FILE = Path(__file__).resolve().parents[2] / "tasks" / "depth.py"
+_FILE = Path(__file__).resolve().parents[2] / "tasks" / "families" / "depth.py"
 _SUITE = {"ur5_reacher": 200, "pick_place": 300}  # decisions of the suite's tasks
 _BOTH = pytest.mark.parametrize("name", _SUITE)
 _RATES = pytest.mark.parametrize("rate", [1, 2, 4])

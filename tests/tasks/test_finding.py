@@ -18,7 +18,8 @@ ROOT = Path(__file__).resolve().parents[2]
 # A task of one's own: the suite's pendulum with a shorter horizon, under a name of the suite's.
 OWN = """
 import dataclasses
-from tasks import pendulum, registry
+from tasks import registry
+from tasks.families import pendulum
 
 SPEC = dataclasses.replace(pendulum._CLIMB, max_steps=7)
 

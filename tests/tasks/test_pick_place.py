@@ -5,7 +5,7 @@ import pytest
 from dm_control import composer
 
 import tasks
-from tasks import pick_place
+from tasks.families import pick_place
 from tasks.robots import worm
 from tests.tasks import scripted_worm
 

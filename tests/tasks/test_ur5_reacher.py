@@ -5,7 +5,7 @@ import pytest
 from dm_control import composer
 
 import tasks
-from tasks import ur5_reacher
+from tasks.families import ur5_reacher
 from tasks.robots import ur5
 from tests.tasks import scripted_ur5
 

@@ -1,7 +1,7 @@
 """The same motion in more decisions: two of the suite's tasks at 1, 2 and 4 times their rate.
 
 Where does a second subgoal layer start to pay? `python -m analysis.depth` asks it of these tasks.
-They are no part of `tasks.ALL`: `tasks.find("tasks/depth.py:ur5_reacher_400")` finds one.
+They are no part of `tasks.ALL`: `tasks.find("tasks/families/depth.py:ur5_reacher_400")` finds one.
 
 Starts, goals, thresholds, torques and the seconds of an episode are those of the suite's task; only
 the decisions are closer together. At the suite's own rate it is the suite's task, bit for bit.
@@ -16,7 +16,8 @@ the worm is near enough to the rod to get hold of it.
 import dataclasses
 from collections.abc import Mapping
 
-from tasks import pick_place, registry, task_spec, ur5_reacher
+from tasks import registry, task_spec
+from tasks.families import pick_place, ur5_reacher
 
 Attempts = tuple[int, ...]  # (T_0, ..., T_n)
 
