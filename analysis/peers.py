@@ -17,7 +17,7 @@ from analysis import program
 from analysis.figures.success import DOTS_PER_INCH, Look, look
 from analysis.reading import grid, paper
 from analysis.reading.files import write_atomically
-from analysis.statistics.seeds import SAME_JOB_SECONDS, mean_interval, n_label
+from analysis.statistics.seeds import core_seconds, mean_interval, n_label
 
 _HELP = """Compares another library's agents with ours on the same tasks, and draws peers.png.
 
@@ -104,22 +104,15 @@ def load_strangers(folder: Path) -> pd.DataFrame:
 
 
 def as_curves(results: pd.DataFrame) -> pd.DataFrame:
-    """Our results, as `COLUMNS`. Seeds trained in one process share its minutes equally.
+    """Our results, as `COLUMNS`. Seeds trained in one process share its time equally.
 
-    Those are minutes of the clock and include the tests, where a stranger's are the process's own
-    time without the tests: our agents are charged more.
+    That time includes the tests, where a stranger's is the process's own without the tests: our
+    agents are charged more.
     """
-    agent = ["task", "subgoal_layers"]
-    last = results.loc[results.groupby([*agent, "seed"])["period"].idxmax()]
-    last = last.sort_values("wall_seconds")
-    apart = last.groupby(agent)["wall_seconds"].diff() > SAME_JOB_SECONDS
-    job = apart.groupby([last[name] for name in agent]).cumsum()
-    together = last.groupby([*agent, job])["seed"].transform("size").rename("together")
-    joined = results.merge(last[[*agent, "seed"]].join(together), on=[*agent, "seed"])
-    return joined.assign(
+    return results.assign(
         agent=OURS,
-        settings=[paper.agent_name(layers) for layers in joined["subgoal_layers"]],
-        core_minutes=joined["wall_seconds"] / 60 / joined["together"],
+        settings=[paper.agent_name(layers) for layers in results["subgoal_layers"]],
+        core_minutes=core_seconds(results) / 60,
     )[list(COLUMNS)]
 
 

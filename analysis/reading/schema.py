@@ -14,6 +14,12 @@ CORE_COLUMNS = (
     "diverged_episodes",
 )
 
+LATER_COLUMNS = ("core_seconds",)
+"""Columns that results of earlier versions lack: a seed's share of the CPU time of its process."""
+
+CLOCKS = ("wall_seconds", "core_seconds")
+"""What may differ between two trainings of one seed by one command; nothing else does."""
+
 WHOLE_NUMBERS = ("subgoal_layers", "seed", "period", "train_episodes", "test_episodes")
 """Columns that are never empty and hold integers of at least 0."""
 
@@ -49,7 +55,7 @@ def level_column(level: int, field: str) -> str:
     return f"level{level}_{field}"
 
 
-RESULTS_COLUMNS = CORE_COLUMNS + tuple(
+RESULTS_COLUMNS = (*CORE_COLUMNS, *LATER_COLUMNS) + tuple(
     level_column(level, field) for level in range(MAX_LEVELS) for field in LEVEL_FIELDS
 )
 

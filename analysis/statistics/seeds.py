@@ -167,14 +167,24 @@ def last_rows(results: pd.DataFrame) -> pd.DataFrame:
 
 
 def core_minutes(results: pd.DataFrame) -> pd.Series:
-    """Minutes that all seeds took, by task and subgoal layers, as if their jobs had run in turn.
+    """Minutes of a core that all seeds took together, by task and subgoal layers."""
+    last = last_rows(results.assign(core_seconds=core_seconds(results)))
+    return last.groupby(_AGENT)["core_seconds"].sum() / 60
 
-    Seeds whose last tests ended within a moment of each other were trained in one process.
+
+def core_seconds(results: pd.DataFrame) -> pd.Series:
+    """Seconds of a core that each row's seed had taken until then, [rows].
+
+    It is the column of that name. Rows of earlier versions lack it: seeds whose last tests ended
+    within a moment of each other were trained in one process, whose time they share equally.
     """
     last = last_rows(results).sort_values("wall_seconds")
     apart = last.groupby(_AGENT)["wall_seconds"].diff().fillna(np.inf) > SAME_JOB_SECONDS
     job = apart.groupby([last[column] for column in _AGENT]).cumsum()
-    return last.groupby([*_AGENT, job])["wall_seconds"].max().groupby(level=_AGENT).sum() / 60
+    size = last.groupby([*_AGENT, job])["seed"].transform("size").rename("size")
+    sizes = results[[*_AGENT, "seed"]].merge(last[[*_AGENT, "seed"]].join(size), how="left")["size"]
+    shared = results["wall_seconds"] / sizes.to_numpy()
+    return results["core_seconds"].fillna(shared) if "core_seconds" in results else shared
 
 
 def n_label(counts: Iterable[int]) -> str:

@@ -104,8 +104,9 @@ class Training:
         self._steps = np.zeros(len(seeds), np.int64)
         self._tally = self._new_tally()
         self._rows: list[list[dict[str, Any]]] = [[] for _ in seeds]  # of the periods so far
-        self._started = time.monotonic()
-        self._earlier = np.zeros(len(seeds))  # seconds before that, in earlier processes
+        self._started, self._cpu_started = time.monotonic(), time.process_time()
+        # Before that, in earlier processes:
+        self._earlier, self._cpu_earlier = np.zeros(len(seeds)), np.zeros(len(seeds))
 
     def _new_tally(self) -> Tally:
         return Tally(len(self._seeds), len(self._horizons))
@@ -119,10 +120,15 @@ class Training:
         """How long each seed has been trained."""
         return self._earlier + (time.monotonic() - self._started)
 
+    def _core_seconds(self) -> np.ndarray:
+        """Each seed's share of the CPU time: what it would cost on a core of its own."""
+        spent = time.process_time() - self._cpu_started
+        return self._cpu_earlier + spent / len(self._seeds)
+
     def states(self) -> Iterator[SeedState]:
         """Of each seed, one after the other."""
         # Read once: seeds that are trained side by side stand at one time.
-        seconds = self._seconds()
+        seconds, core_seconds = self._seconds(), self._core_seconds()
         for index, seed in enumerate(self._seeds):
             learnt = self.population.state(index)
             own = {
@@ -130,6 +136,7 @@ class Training:
                 "train_episodes": self._episodes,
                 "train_steps": int(self._steps[index]),
                 "seconds": float(seconds[index]),
+                "core_seconds": float(core_seconds[index]),
                 "tally": self._tally.state(index),
                 "rows": list(self._rows[index]),
             }
@@ -151,6 +158,8 @@ class Training:
                 self._tally.restore(index, numbers["tally"])
                 self._steps[index] = numbers["train_steps"]
                 self._earlier[index] = numbers["seconds"]
+                # States of earlier versions do not say it.
+                self._cpu_earlier[index] = numbers.get("core_seconds", np.nan)
                 self._rows[index] = list(numbers["rows"])
                 episodes.add(numbers["train_episodes"])
             if len(episodes) > 1:
@@ -217,7 +226,13 @@ class Training:
         )
         stats = EpisodeStats.of(run)
         diagnosed = population.diagnose(period)
-        rows = [self._row(period, i, stats, diagnosed) for i in range(len(self._seeds))]
+        # Read once: seeds that are trained side by side stand at one time.
+        clocks = {"wall_seconds": self._seconds(), "core_seconds": self._core_seconds()}
+        rows = [
+            self._row(period, index, stats, diagnosed)
+            | {name: float(values[index]) for name, values in clocks.items()}
+            for index in range(len(self._seeds))
+        ]
         self._tally = self._new_tally()
         for own, row in zip(self._rows, rows, strict=True):
             own.append(row)
@@ -242,7 +257,6 @@ class Training:
             "test_episodes": tests,
             "success_rate": float(success.mean()),
             "mean_steps_to_goal": float(steps[success].mean()) if success.any() else np.nan,
-            "wall_seconds": float(self._seconds()[index]),
             "diverged_episodes": int(self._tally.diverged[index] + stats.diverged[own].sum()),
         }
         for level, measured in enumerate(diagnosed):

@@ -10,7 +10,13 @@ from typing import Any
 from analysis.program import CommandError
 from analysis.reading.files import write_text
 from analysis.reading.results import read_lines
-from analysis.reading.schema import CORE_COLUMNS, LEVEL_FIELDS, RESULTS_COLUMNS, level_column
+from analysis.reading.schema import (
+    CORE_COLUMNS,
+    LATER_COLUMNS,
+    LEVEL_FIELDS,
+    RESULTS_COLUMNS,
+    level_column,
+)
 
 Row = dict[str, str]
 
@@ -90,8 +96,9 @@ def check_columns(row: Mapping[str, Any], *, earlier: bool = False) -> None:
     """
     levels = range(row["subgoal_layers"] + 1)
     own = {level_column(level, field) for level in levels for field in LEVEL_FIELDS}
-    needed = set(CORE_COLUMNS) if earlier else own.union(CORE_COLUMNS)
-    differ = sorted((needed - row.keys()) | (row.keys() - own - set(CORE_COLUMNS)))
+    known = own.union(CORE_COLUMNS, LATER_COLUMNS)
+    needed = set(CORE_COLUMNS) if earlier else known
+    differ = sorted((needed - row.keys()) | (row.keys() - known))
     if differ:
         raise ValueError(f"columns that only results.csv or only its new row has: {differ}")
 

@@ -7,6 +7,7 @@ import pytest
 import torch
 
 import hac_suite
+from analysis.reading import schema
 from hac_suite.config import PAPER, PRESETS, Config, LearnerConfig
 from tests.hac_suite.tiny_envs import PointEnv
 
@@ -86,7 +87,7 @@ def outcome(config):
     rows, weights = [], []
     for result in results:
         for row, policy in zip(result.rows, result.policies, strict=True):
-            kept = (value for column, value in row.items() if column != "wall_seconds")
+            kept = (value for column, value in row.items() if column not in schema.CLOCKS)
             rows.append(tuple(None if math.isnan(value) else value for value in kept))
             weights.append([network.parameters.clone() for network in policy.networks])
     return rows, weights

@@ -51,6 +51,7 @@ def row(job: Job, seed: int, period: int) -> dict:
         "success_rate": min(1.0, 0.25 * period),
         "mean_steps_to_goal": 30.0,
         "wall_seconds": 1.5,
+        "core_seconds": 0.5,
         "diverged_episodes": 0,
         **diagnostics,
     }

@@ -21,6 +21,7 @@ import pytest
 
 import tasks
 from analysis import program
+from analysis.reading import schema
 from launch import experiment
 from launch.asking import request
 from launch.folder import manifest
@@ -133,9 +134,9 @@ def outcome(out: Path, task: str = TASK) -> dict:
     """All that a finished experiment leaves that must not depend on how it was interrupted."""
     folder = RunFolder(out, task)
     header, *lines = folder.results.read_text().splitlines()
-    clock = header.split(",").index("wall_seconds")
+    clocks = [header.split(",").index(name) for name in schema.CLOCKS]
     rows = sorted(
-        tuple(cell for column, cell in enumerate(line.split(",")) if column != clock)
+        tuple(cell for column, cell in enumerate(line.split(",")) if column not in clocks)
         for line in lines
     )
     policies = {file.name: file.read_bytes() for file in folder.policies.iterdir()}

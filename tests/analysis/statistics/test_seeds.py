@@ -7,6 +7,7 @@ import pytest
 from analysis.reading import schema
 from analysis.statistics.seeds import (
     core_minutes,
+    core_seconds,
     episodes_to,
     final_success,
     last_rows,
@@ -153,4 +154,12 @@ def test_n_label():
 def test_seeds_that_were_trained_side_by_side_count_once(make_results):
     results = make_results({0: [[0, 0]] * 4, 1: [[0, 0]]})
     results["wall_seconds"] = [1, 60, 1, 60.05, 1, 90, 1, 120, 1, 30]  # three jobs, and one
-    assert core_minutes(results).tolist() == pytest.approx([(60.05 + 90 + 120) / 60, 0.5])
+    assert core_minutes(results).tolist() == pytest.approx([(60.025 + 90 + 120) / 60, 0.5])
+
+
+def test_cpu_time_counts_where_it_is_known(make_results):
+    results = make_results({1: [[0, 0, 0]] * 2})
+    results["wall_seconds"] = [2, 60, 90, 2, 60, 90]
+    results["core_seconds"] = [1, 20, 33, 1, 20, None]
+    assert core_seconds(results).tolist() == [1, 20, 33, 1, 20, 45]
+    assert core_minutes(results).tolist() == pytest.approx([78 / 60])

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import torch
 
+from analysis.reading import schema
 from hac_suite.config import PAPER, horizons
 from hac_suite.learning import learners
 from hac_suite.policy import Policy
@@ -62,7 +63,7 @@ def same(left: Policy, right: Policy) -> bool:
 
 
 def without_clock(row: dict) -> dict:
-    return {name: value for name, value in row.items() if name != "wall_seconds"}
+    return {name: value for name, value in row.items() if name not in schema.CLOCKS}
 
 
 @pytest.mark.parametrize("layers", [0, 1, 2])

@@ -2,12 +2,14 @@
 
 import dataclasses
 import functools
+import math
 
 import numpy as np
 import pytest
 import torch
 
 import tasks
+from analysis.reading import schema
 from hac_suite import checkpoint
 from hac_suite.config import PAPER, horizons
 from hac_suite.state import SeedState
@@ -104,8 +106,8 @@ def assert_same_states(ours: SeedState, theirs: SeedState) -> None:
 
 
 def without_clock(numbers: dict) -> dict:
-    rows = [{k: v for k, v in row.items() if k != "wall_seconds"} for row in numbers["rows"]]
-    return {**numbers, "rows": rows, "seconds": None}
+    rows = [{k: v for k, v in row.items() if k not in schema.CLOCKS} for row in numbers["rows"]]
+    return {**numbers, "rows": rows, "seconds": None, "core_seconds": None}
 
 
 @pytest.mark.parametrize("layers", [0, 1, 2])
@@ -163,10 +165,26 @@ def test_interrupted_again_and_again(config, tmp_path):
 
 def test_the_clock_goes_on(tmp_path):
     (state,) = stopped_at(3, tmp_path, 0, seeds=[0])
-    state.numbers["seconds"] = 1000.0
+    state.numbers.update(seconds=1000.0, core_seconds=500.0)
     results, (after,) = train(0, seeds=[0], start=[state])
     assert [result.period for result in results] == [2]
     assert 1000 < results[0].rows[0]["wall_seconds"] <= after.numbers["seconds"] < 1100
+    assert 500 < results[0].rows[0]["core_seconds"] <= after.numbers["core_seconds"] < 600
+
+
+def test_seeds_share_the_cpu_time(monkeypatch):
+    clock = iter(range(0, 1000, 6))
+    monkeypatch.setattr(loop.time, "process_time", lambda: next(clock))
+    (untrained, trained), _ = train(0, seeds=[0, 1], periods=1)
+    assert [row["core_seconds"] for row in untrained.rows] == [3, 3]  # 6 s, over 2 seeds
+    assert [row["core_seconds"] for row in trained.rows] == [6, 6]
+
+
+def test_what_a_state_of_an_earlier_version_does_not_say_stays_unknown(tmp_path):
+    (state,) = stopped_at(3, tmp_path, 0, seeds=[0])
+    del state.numbers["core_seconds"]
+    results, _ = train(0, seeds=[0], start=[state])
+    assert math.isnan(results[0].rows[0]["core_seconds"])
 
 
 def test_seeds_of_one_checkpoint_stand_at_one_time(tmp_path):

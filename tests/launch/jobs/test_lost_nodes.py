@@ -15,6 +15,7 @@ import pytest
 import ray
 from ray.cluster_utils import Cluster as TwoNodes
 
+from analysis.reading import schema
 from analysis.reading.results import load
 from launch.folder.layout import RunFolder
 from launch.jobs import worker
@@ -34,7 +35,7 @@ def learnt(out: Path) -> tuple[pd.DataFrame, dict[str, bytes]]:
     """All of results.csv but the times, and the weights of every policy."""
     folder = out / "ur5_reacher"
     weights = {file.name: file.read_bytes() for file in folder.glob("policies/*.safetensors")}
-    return load(folder).drop(columns="wall_seconds"), weights
+    return load(folder).drop(columns=list(schema.CLOCKS)), weights
 
 
 @pytest.fixture

@@ -8,6 +8,7 @@ import pytest
 
 import hac_suite
 from analysis.program import CommandError
+from analysis.reading import schema
 from launch.asking import settings
 from launch.tuning import space
 from tests.hac_suite.tiny_envs import PointEnv
@@ -48,7 +49,7 @@ def rows(layers, **changes):
     results = hac_suite.train(
         PointEnv, small, [100], subgoal_layers=layers, horizons=(3,) * (layers + 1), periods=2
     )
-    drop = {"wall_seconds"}
+    drop = set(schema.CLOCKS)
     return [[{k: v for k, v in row.items() if k not in drop} for row in r.rows] for r in results]
 
 
