@@ -43,6 +43,9 @@ METHOD = (
     "Intervals are 95% bootstrap intervals (BCa) of means over seeds, resampled within each task "
     "and agent; of counted seeds, exact binomial ones. An interval of no width means that all "
     "seeds agree, not that more seeds would.",
+    "(a), (b): against the strongest agent without subgoal layers on each task, that with the "
+    "largest mean area; the weaker ones stand beside it and decide nothing. Choosing it by the "
+    "data it is judged by can only favour it.",
     "Areas, and episodes to 80%, end where the first seed of a task does; a seed that never gets "
     "to 80% counts as taking until then. p values: permutation test for areas, Mann-Whitney "
     "for the probability of improvement, log-rank for episodes, sign flips for falls.",
@@ -69,7 +72,10 @@ def judge(folder: Path) -> list[Claim]:
     Raises:
       ValueError: none of the tasks has results, or a file is damaged.
     """
-    return [*judge_learning(grid.load_grid(folder)), *judge_subgoals(folder)]
+    return [
+        *judge_learning(grid.load_grid(folder), grid.load_flats(folder)),
+        *judge_subgoals(folder),
+    ]
 
 
 def table_of(claims: Sequence[Claim]) -> pd.DataFrame:

@@ -1,8 +1,10 @@
 """The paper's Figure 5: success per test period on its five tasks, from the published results."""
 
+import functools
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import pandas as pd
 from matplotlib.axes import Axes
@@ -10,16 +12,27 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
 from analysis import program
-from analysis.figures.success import DOTS_PER_INCH, label_periods, look, plot_success
+from analysis.figures.success import (
+    Look,
+    label_periods,
+    look,
+    plot_curve,
+    plot_success,
+    save_png,
+)
 from analysis.reading import grid, paper, schema
 from analysis.reading.files import write_atomically
-from analysis.statistics.seeds import n_label, success_per_period
+from analysis.statistics.seeds import n_label, success_per_period, with_cost
+from analysis.verdicts.speed_claims import OWN, Flats, Grid
 
 _HELP = """Draws the paper's Figure 5 from the published results.
 
   python -m analysis.figure5
 
-writes figure5.png, figure5.pdf and figure5.csv, the numbers that are drawn.
+writes figure5.png and figure5.pdf, success against test periods as in the paper; figure5_steps.png
+and figure5_minutes.png, against environment steps and minutes of a core for each seed; and
+figure5.csv, the numbers that are drawn. Agents without subgoal layers that were trained otherwise
+are read from the folders grid_td3 and grid_goals_per_segment beside --data, where there are any.
 
 Flags:
 {flags}
@@ -29,28 +42,47 @@ Exit status: 0; 2 what it is to read is not there or damaged, or the command was
 NAME = "figure5"
 AGENTS = (0, 1, 2)  # subgoal layers of the paper's agents
 NOTHING_YET = "no runs yet"
+COLUMNS = (*schema.FIGURE_COLUMNS, "train_steps", "core_minutes", "flat")
+"""figure5.csv: as figure.csv, the cost of one seed, and the name of an agent of `grid.FLATS`."""
 
+_AXES = {
+    "period": "test period (training episodes below)",
+    "train_steps": "environment steps in training",
+    "core_minutes": "minutes of a core for each seed",
+}
+_SUFFIXES = {"period": "", "train_steps": "_steps", "core_minutes": "_minutes"}
+_FLAT_LOOKS = (
+    Look("#3f8fe0", "x", ":", width=0.8, band=False),
+    Look("#7fa8dd", "", "-", width=0.6, band=False),
+)
 _ROWS, _COLUMNS = 2, 3
 _NOTE = (
     "Lines: mean over seeds of the share of\n"
     "end goals achieved in noise-free tests.\n"
     "Bands: 95% bootstrap interval of that\n"
-    "mean. Untrained at test period 0.\n"
+    "mean. {axis}\n"
     "n: seeds with 0 / 1 / 2 subgoal layers."
 )
+_UNTRAINED = "Untrained at test period 0."
 
 
-def summarise(results: Mapping[str, pd.DataFrame]) -> pd.DataFrame:
-    """What the figure shows of each task's results: `schema.FIGURE_COLUMNS`, tasks in order."""
-    summaries = [success_per_period(own) for own in results.values()]
-    return pd.concat(summaries, ignore_index=True)[list(schema.FIGURE_COLUMNS)]
+def summarise(results: Grid, flats: Flats) -> pd.DataFrame:
+    """What the figure shows of each task's results, and of the other agents: `COLUMNS`."""
+    named = {"": results, **flats}
+    summaries = [
+        with_cost(success_per_period(rows), rows).assign(flat=name)
+        for name, own in named.items()
+        for rows in own.values()
+    ]
+    return pd.concat(summaries, ignore_index=True)[list(COLUMNS)]
 
 
-def draw_figure5(summary: pd.DataFrame) -> Figure:
+def draw_figure5(summary: pd.DataFrame, against: str = "period") -> Figure:
     """Five panels in the paper's order and a legend; a panel without results says so.
 
     Args:
-      summary: `schema.FIGURE_COLUMNS`, of any of the paper's tasks.
+      summary: `COLUMNS`, of any of the paper's tasks.
+      against: what x is: "period", "train_steps" or "core_minutes".
     """
     figure = Figure(figsize=(11, 6.6))
     figure.set_layout_engine("constrained", w_pad=0.06, h_pad=0.06)
@@ -58,23 +90,29 @@ def draw_figure5(summary: pd.DataFrame) -> Figure:
     *panels, legend = grid_axes.flat
     for ax, task in zip(panels, paper.TITLES, strict=True):
         own = summary[summary["task"] == task]
-        _plot_panel(ax, task, own, summary)
+        _plot_panel(ax, task, own, against)
+        if against == "period":
+            label_periods(ax, own if len(own) else summary, most_ticks=6)
+        ax.set_xlabel(_AXES[against])
         if ax.get_subplotspec().is_first_col():
             ax.set_ylabel("end goals achieved in tests")
-    _explain(legend)
+    _explain(legend, [name for name in grid.FLATS if name in set(summary["flat"])], against)
     return figure
 
 
-def _plot_panel(ax: Axes, task: str, own: pd.DataFrame, everything: pd.DataFrame) -> None:
-    if len(own):
-        plot_success(ax, own, legend=False)
+def _plot_panel(ax: Axes, task: str, own: pd.DataFrame, against: str) -> None:
+    shown = own[own["flat"] == ""]
+    if len(shown):
+        plot_success(ax, shown, legend=False, against=against)
+        for name, style in zip(grid.FLATS, _FLAT_LOOKS, strict=True):
+            if len(curve := own[own["flat"] == name]):
+                plot_curve(ax, curve, style, name, against=against)
     else:
         ax.text(0.5, 0.5, NOTHING_YET, transform=ax.transAxes, ha="center", color="#777777")
         ax.spines[["top", "right"]].set_visible(False)
-    label_periods(ax, own if len(own) else everything, most_ticks=6)
     ax.set_title(paper.title(task), fontweight="bold", pad=19)
     ax.annotate(
-        _seeds(own),
+        _seeds(shown),
         xy=(0.5, 1),
         xycoords="axes fraction",
         xytext=(0, 6),
@@ -83,7 +121,6 @@ def _plot_panel(ax: Axes, task: str, own: pd.DataFrame, everything: pd.DataFrame
         color="#555555",
         size="small",
     )
-    ax.set_xlabel("test period (training episodes below)")
     ax.set_ylabel("")
 
 
@@ -94,36 +131,50 @@ def _seeds(own: pd.DataFrame) -> str:
     return f"n = {' / '.join(labels)}" if len(own) else ""
 
 
-def _explain(ax: Axes) -> None:
+def _explain(ax: Axes, flats: Sequence[str], against: str) -> None:
     ax.axis("off")
-    handles = []
+    handles: list[Any] = []
     for layers in AGENTS:
         style = look(layers)
         (line,) = ax.plot([], [], color=style.colour, marker=style.marker, linestyle=style.line)
         handles.append((line, Patch(facecolor=style.colour, alpha=0.18, linewidth=0)))
     names = [paper.agent_name(layers) for layers in AGENTS]
-    names[0] += " (DDPG+HER)"
+    names[0] += f" ({OWN})"
+    for name, style in zip(grid.FLATS, _FLAT_LOOKS, strict=True):
+        if name in flats:
+            (line,) = ax.plot(
+                [], [], color=style.colour, marker=style.marker, linestyle=style.line,
+                linewidth=1.8 * style.width,
+            )  # fmt: skip
+            handles.append(line)
+            names.append(f"0, {name}")
     ax.legend(handles, names, loc="upper left", frameon=False, handlelength=4)
-    ax.text(0.05, 0.5, _NOTE, transform=ax.transAxes, va="top", color="#555555")
+    note = _NOTE.format(axis=_UNTRAINED if against == "period" else "Dots: test periods.")
+    ax.text(0.05, 0.42, note, transform=ax.transAxes, va="top", color="#555555")
 
 
 def write_figure5(folder: Path, output: Path) -> list[Path]:
-    """Writes figure5.png, .pdf and .csv, the plotted numbers, into `output`; returns their paths.
+    """Writes the figures and figure5.csv, the plotted numbers, into `output`; returns their paths.
 
     The same results give the same files, byte for byte.
 
     Raises:
       ValueError: as `grid.load_grid`.
     """
-    summary = summarise(grid.load_grid(folder))
-    figure = draw_figure5(summary)
+    summary = summarise(grid.load_grid(folder), grid.load_flats(folder))
     output.mkdir(parents=True, exist_ok=True)
-    png, pdf, csv = (output / f"{NAME}{suffix}" for suffix in (".png", ".pdf", ".csv"))
-    write_atomically(png, lambda path: figure.savefig(path, format="png", dpi=DOTS_PER_INCH))
+    pdf, csv = (output / f"{NAME}{suffix}" for suffix in (".pdf", ".csv"))
+    figures = {
+        output / f"{NAME}{suffix}.png": draw_figure5(summary, against)
+        for against, suffix in _SUFFIXES.items()
+    }
+    for path, figure in figures.items():
+        write_atomically(path, functools.partial(save_png, figure))
     undated = {"CreationDate": None}
-    write_atomically(pdf, lambda path: figure.savefig(path, format="pdf", metadata=undated))
+    first = next(iter(figures.values()))
+    write_atomically(pdf, lambda path: first.savefig(path, format="pdf", metadata=undated))
     write_atomically(csv, lambda path: summary.to_csv(path, index=False))
-    return [png, pdf, csv]
+    return [*figures, pdf, csv]
 
 
 def main(argv: Sequence[str]) -> int:

@@ -23,6 +23,9 @@ class Look(NamedTuple):
     colour: str
     marker: str
     line: str | tuple
+    above: int = 2  # what lies over what
+    width: float = 1.0
+    band: bool = True
 
 
 LOOKS = (
@@ -36,7 +39,7 @@ LOOKS = (
 
 def look(subgoal_layers: int) -> Look:
     """The colour of Figure 5 for the agent, with a marker and a line style of its own."""
-    return LOOKS[subgoal_layers % len(LOOKS)]
+    return LOOKS[subgoal_layers % len(LOOKS)]._replace(above=3 + subgoal_layers)
 
 
 def write_figure(run_dir: Path) -> None:
@@ -67,13 +70,16 @@ def save_png(figure: Figure, path: Path) -> None:
     figure.savefig(path, format="png", dpi=DOTS_PER_INCH)
 
 
-def plot_success(ax: Axes, summary: pd.DataFrame, *, legend: bool = True) -> None:
+def plot_success(
+    ax: Axes, summary: pd.DataFrame, *, legend: bool = True, against: str = "period"
+) -> None:
     """Draws one panel of Figure 5 (section 4.2): mean success and 95% band over seeds per agent.
 
     Args:
-      ax: axes to draw on; x is the test period, y the success rate from 0 to 1, in percent.
+      ax: axes to draw on; y is the success rate from 0 to 1, in percent.
       summary: of one task, as `analysis.statistics.seeds.success_per_period` gives it.
       legend: whether the panel explains its agents itself.
+      against: the column that x is; the axis is labelled where that is the test period.
 
     Raises:
       ValueError: `summary` holds no task or more than one.
@@ -82,8 +88,9 @@ def plot_success(ax: Axes, summary: pd.DataFrame, *, legend: bool = True) -> Non
     if len(tasks) != 1:
         raise ValueError(f"a panel shows one task; these results hold {tasks}")
     for layers, curve in summary.groupby("subgoal_layers"):
-        _plot_agent(ax, int(layers), curve)
-    label_periods(ax, summary)
+        plot_curve(ax, curve, look(int(layers)), _named(int(layers), curve), against=against)
+    if against == "period":
+        label_periods(ax, summary)
     ax.set_title(paper.title(tasks[0]), fontweight="bold")
     ax.set_ylabel("end goals achieved in tests")
     ax.set_ylim(-0.03, 1.03)
@@ -94,29 +101,37 @@ def plot_success(ax: Axes, summary: pd.DataFrame, *, legend: bool = True) -> Non
         ax.legend(title="mean and 95% interval over seeds", framealpha=0.85, handlelength=3.2)
 
 
-def _plot_agent(ax: Axes, layers: int, curve: pd.DataFrame) -> None:
-    style = look(layers)
+def _named(layers: int, curve: pd.DataFrame) -> str:
     seeds = n_label(curve["n"]) + ("" if curve["n"].max() > 1 else ", no interval")
-    label = f"{paper.agent_name(layers)} ({seeds})"
+    return f"{paper.agent_name(layers)} ({seeds})"
+
+
+def plot_curve(
+    ax: Axes, curve: pd.DataFrame, style: Look, label: str, *, against: str = "period"
+) -> None:
+    """Draws one agent's mean success against a column of its curve, with the band where it has one.
+
+    Args:
+      curve: of one agent of one task, as `plot_success` takes it.
+    """
     # A period that is missing in between becomes NaN: a gap, not a line drawn across it.
     curve = curve.set_index("period")
     after_gap = np.diff(curve.index, append=curve.index[-1] + 1) > 1
     curve = curve.reindex(curve.index.union(curve.index[after_gap] + 1))
+    x = curve.index if against == "period" else curve[against]
     ax.plot(
-        curve.index,
+        x,
         curve["mean"],
         color=style.colour,
         marker=style.marker,
         linestyle=style.line,
-        markersize=4.5,
-        linewidth=1.8,
+        markersize=4.5 * style.width,
+        linewidth=1.8 * style.width,
         label=label,
-        zorder=3 + layers,
+        zorder=style.above,
     )
-    if curve["low"].notna().any():
-        ax.fill_between(
-            curve.index, curve["low"], curve["high"], color=style.colour, alpha=0.18, linewidth=0
-        )
+    if style.band and curve["low"].notna().any():
+        ax.fill_between(x, curve["low"], curve["high"], color=style.colour, alpha=0.18, linewidth=0)
 
 
 def label_periods(ax: Axes, table: pd.DataFrame, most_ticks: int = 12) -> None:

@@ -9,6 +9,13 @@ from analysis.reading.results import NoResults, load
 
 FOLDER = Path(__file__).parents[1] / "data" / "grid"
 
+FLATS = {
+    "TD3+HER": "grid_td3",
+    "DDPG+HER, 3 goals a segment": "grid_goals_per_segment",
+}
+"""Agents without subgoal layers that were trained otherwise than the grid's, and their folders
+beside it."""
+
 _NOTHING = "{folder}: holds results of none of the paper's tasks ({tasks})"
 _WRONG_TASK = "{folder}: holds results of {found}; a folder is named after its task"
 
@@ -35,3 +42,22 @@ def load_grid(folder: Path) -> dict[str, pd.DataFrame]:
     if not grid:
         raise ValueError(_NOTHING.format(folder=folder, tasks=", ".join(paper.TITLES)))
     return grid
+
+
+def load_flats(folder: Path) -> dict[str, dict[str, pd.DataFrame]]:
+    """Results of the agents of `FLATS` by name and task; those that are not there are left out.
+
+    Args:
+      folder: the grid's; theirs are beside it.
+
+    Raises:
+      ValueError: as `load_grid`.
+    """
+    beside = Path(folder).resolve().parent
+    flats = {
+        name: load_grid(beside / own) for name, own in FLATS.items() if (beside / own).is_dir()
+    }
+    return {
+        name: {task: rows[rows["subgoal_layers"] == 0] for task, rows in own.items()}
+        for name, own in flats.items()
+    }

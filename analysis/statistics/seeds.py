@@ -115,6 +115,17 @@ def success_per_period(results: pd.DataFrame, random_state: int = 0) -> pd.DataF
     return pd.DataFrame(rows, columns=list(schema.FIGURE_COLUMNS))
 
 
+def with_cost(summary: pd.DataFrame, results: pd.DataFrame) -> pd.DataFrame:
+    """A summary of `success_per_period` with what had been spent by then, means over seeds.
+
+    Returns:
+      Its rows and columns, and `train_steps` and `core_minutes`, those of one seed.
+    """
+    cost = results.assign(core_minutes=core_seconds(results) / 60)
+    means = cost.groupby([*_AGENT, "period"])[["train_steps", "core_minutes"]].mean()
+    return summary.join(means, on=[*_AGENT, "period"])
+
+
 def final_success(results: pd.DataFrame, random_state: int = 0) -> pd.DataFrame:
     """Where each agent stands at the last test period that any of its seeds has.
 

@@ -12,7 +12,7 @@ from analysis.statistics import comparison
 from analysis.statistics.seeds import SOLVED, bootstrap, last_rows
 from analysis.verdicts import evidence
 from analysis.verdicts.evidence import NOT_SUPPORTED, SUPPORTED, UNDECIDED, Claim, Evidence
-from analysis.verdicts.speed_claims import Grid, beats_flat, deeper_is_faster
+from analysis.verdicts.speed_claims import Flats, Grid, beats_flat, deeper_is_faster, rivals
 
 CONSISTENT = 0.9
 """A seed solves its task above this success; an agent does so consistently if as many seeds do."""
@@ -28,23 +28,25 @@ _STILL_MISSED = "subgoals missed in training, last three periods"
 _MISSED_IN_TESTS = "subgoals missed in noise-free tests, last three periods"
 
 
-def judge_learning(grid: Grid) -> list[Claim]:
+def judge_learning(grid: Grid, flats: Flats) -> list[Claim]:
     """Claims (a) to (e)."""
     return [
-        beats_flat(grid),
-        _flat_is_inconsistent(grid),
+        beats_flat(grid, flats),
+        _flat_is_inconsistent(grid, flats),
         deeper_is_faster(grid),
         _steps_are_efficient(grid),
         _misses_get_rarer(grid),
     ]
 
 
-def _flat_is_inconsistent(grid: Grid) -> Claim:
+def _flat_is_inconsistent(grid: Grid, flats: Flats) -> Claim:
+    """Claim (b), of the strongest agent without subgoal layers on each task."""
     items = []
-    for task, results in grid.items():
+    for task, (name, results, _) in rivals(grid, flats).items():
         last = last_rows(results[results["subgoal_layers"] == 0])["success_rate"]
         if len(last):
-            items.append(_share_of_seeds(task, last.to_numpy()))
+            agent = f"0 ({name})" if name else "0"
+            items.append(_share_of_seeds(task, agent, last.to_numpy()))
     adjusted = comparison.holm([item.p for item in items])
     items = [_judge_share(replace(e, p_holm=p)) for e, p in zip(items, adjusted, strict=True)]
     judged = [item.verdict for item in items]
@@ -71,11 +73,11 @@ def _names(items: Iterable[Evidence]) -> set[str]:
     return {item.task for item in items}
 
 
-def _share_of_seeds(task: str, last: np.ndarray) -> Evidence:
+def _share_of_seeds(task: str, agent: str, last: np.ndarray) -> Evidence:
     solved, n = int((last > CONSISTENT).sum()), len(last)
     p = float(stats.binomtest(solved, n, CONSISTENT, alternative="less").pvalue)
     bounds = comparison.share_bounds(solved, n)
-    return Evidence(task, "0", _CONSISTENT, "share", (n,), solved / n, *bounds, p)
+    return Evidence(task, agent, _CONSISTENT, "share", (n,), solved / n, *bounds, p)
 
 
 def _judge_share(item: Evidence) -> Evidence:

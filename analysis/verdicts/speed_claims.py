@@ -1,6 +1,8 @@
 """Claims of section 4.2 about which agents learn faster, judged from results.csv."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -12,17 +14,62 @@ from analysis.verdicts import evidence
 from analysis.verdicts.evidence import Claim, Evidence
 
 Grid = Mapping[str, pd.DataFrame]  # results by task
+Flats = Mapping[str, Grid]  # results of other agents without subgoal layers, by name
+
+OWN = "DDPG+HER"  # what the grid's own agent without subgoal layers is called beside others
 
 _AREA = "area under the success curve, gain"
 _IMPROVEMENT = "probability of improvement"
 _EPISODES = f"episodes to {SOLVED:.0%}, saved"
 
 
-def beats_flat(grid: Grid) -> Claim:
-    """Claim (a)."""
+class Rival(NamedTuple):
+    """The strongest agent without subgoal layers on a task, in a grid in which it is the only one.
+
+    `name` is empty where there is no other.
+    """
+
+    name: str
+    results: pd.DataFrame
+    weaker: Mapping[str, pd.DataFrame]  # the same results with each of the others instead
+
+
+def rivals(grid: Grid, flats: Flats) -> dict[str, Rival]:
+    """By task. The strongest is that with the largest mean area under its success curves."""
+    return {task: _rival(results, _of_task(flats, task)) for task, results in grid.items()}
+
+
+def _of_task(flats: Flats, task: str) -> dict[str, pd.DataFrame]:
+    return {name: own[task] for name, own in flats.items() if task in own}
+
+
+def _rival(results: pd.DataFrame, others: Mapping[str, pd.DataFrame]) -> Rival:
+    layered = results[results["subgoal_layers"] > 0]
+    found = {name: pd.concat([rows, layered]) for name, rows in others.items() if len(rows)}
+    if len(layered) < len(results):
+        found = {OWN if found else "": results, **found}
+    if not found:
+        return Rival("", results, {})
+    strongest = max(found, key=lambda name: areas(found[name], 0).mean())
+    return Rival(strongest, found.pop(strongest), found)
+
+
+def beats_flat(grid: Grid, flats: Flats) -> Claim:
+    """Claim (a), against the strongest agent without subgoal layers; the weaker ones beside it."""
     pairs = [(task, layers, 0) for task in paper.TITLES for layers in (1, 2)]
     statement = "On every task, agents with 1 and with 2 subgoal layers learn faster than with 0."
-    return _speed_claim("a", statement, grid, pairs)
+    found = rivals(grid, flats)
+    results = {task: rival.results for task, rival in found.items()}
+    names = {task: rival.name for task, rival in found.items()}
+    claim = _speed_claim("a", statement, results, pairs, flat_names=names)
+    return replace(claim, evidence=(*claim.evidence, *_against_weaker(found)))
+
+
+def _against_weaker(found: Mapping[str, Rival]) -> Iterator[Evidence]:
+    for task, rival in found.items():
+        for name, results in rival.weaker.items():
+            for layers in sorted(_agents(results) - {0}):
+                yield _compare(task, results, layers, 0, name)[0]
 
 
 def deeper_is_faster(grid: Grid) -> Claim:
@@ -40,12 +87,20 @@ def _speed_claim(
     grid: Grid,
     pairs: Sequence[tuple[str, int, int]],
     exceptions: Sequence[str] = (),
+    flat_names: Mapping[str, str] | None = None,
 ) -> Claim:
-    """That the first of each pair of agents learns faster than the second."""
+    """That the first of each pair of agents learns faster than the second.
+
+    Args:
+      flat_names: by task, what the agent without subgoal layers is called.
+    """
+    flat_names = flat_names or {}
     present = [
         (t, new, old) for t, new, old in pairs if t in grid and {new, old} <= _agents(grid[t])
     ]
-    compared = [_compare(task, grid[task], new, old) for task, new, old in present]
+    compared = [
+        _compare(task, grid[task], new, old, flat_names.get(task, "")) for task, new, old in present
+    ]
     gains = evidence.judge_gains([gain for gain, *_ in compared])
     listed = [e for gain, (_, *more) in zip(gains, compared, strict=True) for e in (gain, *more)]
     counted = [gain for gain in gains if gain.task not in exceptions]
@@ -89,11 +144,13 @@ def _about_cuts(grid: Grid) -> str:
     return "".join(parts)
 
 
-def _compare(task: str, results: pd.DataFrame, new: int, old: int) -> tuple[Evidence, ...]:
+def _compare(
+    task: str, results: pd.DataFrame, new: int, old: int, flat_name: str = ""
+) -> tuple[Evidence, ...]:
     """Area, probability of improvement and episodes to 80% of agent `new` against `old`."""
     pair = areas(results, new), areas(results, old)
     seeds = tuple(map(len, pair))
-    agents = f"{new} against {old}"
+    agents = f"{new} against {old}" + (f" ({flat_name})" if flat_name else "")
     improvement = comparison.probability_of_improvement
     budget = common_budget(results)
     times = episodes_to_solved(results, new), episodes_to_solved(results, old)

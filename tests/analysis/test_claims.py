@@ -188,3 +188,35 @@ def test_what_cannot_be_judged_is_answered_in_one_line(make_grid, tmp_path, caps
     (folder / WHY_FILE).write_text("[1]")
     assert main(["", "--data", str(folder)]) == 2
     assert "texts by the letter of their claim" in capsys.readouterr().err
+
+
+def test_the_strongest_flat_agent_is_the_one_to_beat(make_grid, make_run, tmp_path):
+    strong = make_run({0: _like(FASTER), 1: _like(SLOW)}, task="pendulum_climb")
+    strong.rename(tmp_path / "climb")
+    make_grid().rename(tmp_path / "grid")
+    (tmp_path / "grid_td3").mkdir()
+    (tmp_path / "climb").rename(tmp_path / "grid_td3" / "pendulum_climb")
+    claims = _claims(tmp_path / "grid")
+    verdicts = _verdicts(claims["a"])
+    assert verdicts["pendulum_climb", "1 against 0 (TD3+HER)"] == NOT_SUPPORTED
+    assert verdicts["pick_place", "1 against 0"] == SUPPORTED  # there is no other
+    assert claims["a"].verdict == NOT_SUPPORTED
+    weaker = [item for item in claims["a"].evidence if item.agents == "1 against 0 (DDPG+HER)"]
+    assert [(item.task, item.verdict) for item in weaker] == [("pendulum_climb", "")]
+    assert weaker[0].value > 0.3
+    shares = {item.agents: item.value for item in claims["b"].evidence if item.value > 0}
+    assert shares == {"0 (TD3+HER)": 1.0}  # all its seeds end at 97%
+
+
+def test_a_weaker_flat_agent_changes_no_verdict(make_grid, make_run, tmp_path):
+    weak = make_run({0: [[0.0] * 4] * 6}, task="pendulum_climb")
+    weak.rename(tmp_path / "climb")
+    make_grid().rename(tmp_path / "grid")
+    before = _claims(tmp_path / "grid")
+    (tmp_path / "grid_td3").mkdir()
+    (tmp_path / "climb").rename(tmp_path / "grid_td3" / "pendulum_climb")
+    after = _claims(tmp_path / "grid")
+    assert after["a"].headline == before["a"].headline and after["a"].reason == before["a"].reason
+    assert [e.value for e in after["b"].evidence] == [e.value for e in before["b"].evidence]
+    named = {item.agents for item in after["a"].evidence if item.task == "pendulum_climb"}
+    assert {"1 against 0 (DDPG+HER)", "1 against 0 (TD3+HER)"} <= named
