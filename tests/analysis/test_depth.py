@@ -10,6 +10,8 @@ import pytest
 import hac_suite
 import tasks
 from analysis import depth
+from analysis.reading.depth import place
+from analysis.verdicts.depth import areas, compare
 from launch.asking import request
 
 _SEEDS = 10
@@ -87,7 +89,7 @@ def test_seeds_are_compared_with_themselves(make_results):
     lacking = {1: 0, 2: _SEEDS + 1}
     results = results[results["seed"] != results["subgoal_layers"].map(lacking)]
     results = results.assign(motion="ur5_reacher", decisions=400)
-    (gain,) = depth.compare(results, {"ur5_reacher": 300})
+    (gain,) = compare(results, {"ur5_reacher": 300})
     assert gain.agents == "2 over 1" and gain.p == pytest.approx(2 / 1024)
     assert (gain.value, gain.low, gain.high) == pytest.approx((0.03, 0.03, 0.03))
 
@@ -95,9 +97,9 @@ def test_seeds_are_compared_with_themselves(make_results):
 def test_the_area_is_under_the_curve_until_the_budget(make_results):
     curves = {1: [[0.2, 0.4, 1.0], [0, 0.5]]}
     results = make_results(curves, "depth-ur5_reacher_400")
-    assert depth.areas(results, 300).to_dict() == pytest.approx({0: 0.3, 1: 0.25})
-    assert depth.areas(results, 600).to_dict() == pytest.approx({0: 0.5})  # the other is not done
-    assert depth.areas(results, 0).empty
+    assert areas(results, 300).to_dict() == pytest.approx({0: 0.3, 1: 0.25})
+    assert areas(results, 600).to_dict() == pytest.approx({0: 0.5})  # the other is not done
+    assert areas(results, 0).empty
 
 
 def test_seeds_that_are_not_done_wait_and_episodes_says_until_when_all_are(put, capsys):
@@ -153,7 +155,7 @@ def test_the_commands_train_every_task_of_the_study(capsys, monkeypatch):
         words = shlex.split(line)[1:]
         (task,) = [word.removeprefix("--task=") for word in words if word.startswith("--task=")]
         entry = tasks.find(task)
-        assert depth._place(entry.name) == (
+        assert place(entry.name) == (
             entry.word.rpartition(":")[2].rpartition("_")[0],
             entry.spec.max_steps,
         )

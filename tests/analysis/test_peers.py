@@ -8,8 +8,18 @@ import pandas as pd
 import pytest
 
 from analysis import peers
+from analysis.statistics.peers import (
+    BUDGETS,
+    COLUMNS,
+    OURS,
+    as_curves,
+    at,
+    compare,
+    load_curve,
+    load_strangers,
+)
 
-STEPS, MINUTES = peers.BUDGETS
+STEPS, MINUTES = BUDGETS
 # Made by `python -m tests.bench.peers --task=pendulum_climb --agent=td3,sac --settings=ours20
 # --seeds=100-101 --episodes=120 --test_every=30 --minutes=1`, and with --task=ur5_reacher
 # --agent=td3 --seeds=100-100 --episodes=500 --test_every=100.
@@ -22,15 +32,15 @@ def _curve(seed, *tests, agent="sac", settings="zoo", task="pick_place"):
         (task, agent, settings, seed, 300 * i, steps, minutes, success, 64)
         for i, (steps, minutes, success) in enumerate(tests)
     ]
-    return pd.DataFrame(rows, columns=list(peers.COLUMNS))
+    return pd.DataFrame(rows, columns=list(COLUMNS))
 
 
 def test_success_between_two_tests_lies_on_the_line_between_them():
     curve = _curve(0, (0, 0, 0.0), (20_000, 1, 0.2), (60_000, 3, 0.8))
-    at = [peers.at(curve, "train_steps", x) for x in (0, 5_000, 20_000, 50_000, 60_000)]
-    assert at == pytest.approx([0, 0.05, 0.2, 0.65, 0.8])
-    assert peers.at(curve, "core_minutes", 2.5) == pytest.approx(0.65)
-    assert np.isnan(peers.at(curve, "train_steps", 60_001))
+    found = [at(curve, "train_steps", x) for x in (0, 5_000, 20_000, 50_000, 60_000)]
+    assert found == pytest.approx([0, 0.05, 0.2, 0.65, 0.8])
+    assert at(curve, "core_minutes", 2.5) == pytest.approx(0.65)
+    assert np.isnan(at(curve, "train_steps", 60_001))
 
 
 def test_a_budget_is_compared_over_the_seeds_that_spent_it():
@@ -40,7 +50,7 @@ def test_a_budget_is_compared_over_the_seeds_that_spent_it():
             _curve(4, (0, 0, 0.0), (20_000, 1, 0.6), (40_000, 2, 1.0)),
         ]
     )
-    table = peers.compare(curves, STEPS).set_index("amount")
+    table = compare(curves, STEPS).set_index("amount")
     ten, thirty, hundred = (table.loc[x] for x in (1e4, 3e4, 1e5))
     assert (ten["n"], ten["mean"], ten["seeds"]) == (2, pytest.approx(0.25), 2)
     assert ten["early"] and not thirty["early"]  # both are first tested after 20,000 steps
@@ -55,13 +65,13 @@ def test_seeds_of_one_process_share_its_minutes(make_results):
     results = make_results({0: [[0.0, 0.5], [0.0, 0.7]], 2: [[0.0, 0.5], [0.0, 0.7]]})
     alone = (results["subgoal_layers"] == 2) & (results["seed"] == 1)
     results.loc[alone, "wall_seconds"] *= 4  # 50 s where the others took 12.5
-    curves = peers.as_curves(results)
-    assert tuple(curves.columns) == peers.COLUMNS and len(curves) == len(results)
+    curves = as_curves(results)
+    assert tuple(curves.columns) == COLUMNS and len(curves) == len(results)
     last = curves[curves["train_episodes"] == 300].set_index(["settings", "seed"])["core_minutes"]
     flat, deep = "0 subgoal layers", "2 subgoal layers"
     assert last[flat].tolist() == pytest.approx([12.5 / 60 / 2] * 2)
     assert last[deep].tolist() == pytest.approx([12.5 / 60, 50 / 60])
-    assert set(curves["agent"]) == {peers.OURS}
+    assert set(curves["agent"]) == {OURS}
 
 
 @pytest.fixture
@@ -99,7 +109,7 @@ def test_real_curves_of_tasks_of_which_we_have_no_results(data, tmp_path, capsys
     assert "| ur5_reacher | td3 | ours20 | 1 |" in printed and "| 48% after 88,106 |" in printed
     for task in ("pendulum_climb", "ur5_reacher"):
         assert f"{data}: holds no results of ours on {task}" in printed
-    figure = peers.draw(peers.load_strangers(REAL))
+    figure = peers.draw(load_strangers(REAL))
     above, _, climb, reacher = figure.axes
     assert (above.get_xlabel(), climb.get_xlabel()) == ("steps", "core-minutes")
     labels = [[text.get_text() for text in ax.get_legend().get_texts()] for ax in (climb, reacher)]
@@ -125,7 +135,7 @@ def test_without_curves_the_command_says_what_makes_some(data, tmp_path, capsys)
 def test_a_damaged_curve_is_named(tmp_path, damage):
     path = tmp_path / "pendulum_climb-td3-ours20-100.csv"
     shutil.copy(REAL / path.name, path)
-    assert len(peers.load_curve(path)) == 5
+    assert len(load_curve(path)) == 5
     path.write_text(damage(path.read_text()))
     with pytest.raises(ValueError, match=r"not a stranger's curve.*tests\.bench\.peers"):
-        peers.load_strangers(tmp_path)
+        load_strangers(tmp_path)

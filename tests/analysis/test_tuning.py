@@ -8,6 +8,8 @@ import pandas as pd
 import pytest
 
 from analysis import tuning
+from analysis.figures.tuning import draw
+from analysis.statistics.tuning import SHUFFLES, importlib, read
 
 SPACE = {
     "learning_rate": optuna.distributions.FloatDistribution(1e-4, 1e-2, log=True),
@@ -79,7 +81,7 @@ def folder(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def studies(folder):
-    return tuning.read(folder)
+    return read(folder)
 
 
 def test_a_study_is_what_its_journal_says(studies):
@@ -99,7 +101,7 @@ def test_importance_is_of_what_matters_and_is_set_beside_chance(studies):
     assert next(iter(importance)) == "learning_rate"
     assert sum(one.share for one in importance.values()) == pytest.approx(1)
     decides, rest = importance["learning_rate"], [importance["noise"], importance["draw"]]
-    assert decides.share > decides.noise and 1 / (1 + tuning.SHUFFLES) <= decides.p < 0.05
+    assert decides.share > decides.noise and 1 / (1 + SHUFFLES) <= decides.p < 0.05
     assert all(one.share < one.noise and one.p > 0.05 for one in rest)
 
 
@@ -113,22 +115,22 @@ def test_what_was_pruned_counts_for_importance(tmp_path):
             add(study, [0.9 + noise / 100] * 2, learning_rate=1e-3, noise=noise)
         else:
             add_pruned(study, 1 + number % 2, 0.1, learning_rate=5e-3, noise=noise)
-    assert next(iter(tuning.read(tmp_path)[0].importance)) == "learning_rate"
+    assert next(iter(read(tmp_path)[0].importance)) == "learning_rate"
 
 
 def test_too_few_trials_have_no_importance(tmp_path):
     study = journal(tmp_path)
     for value in np.linspace(0, 1, 7):
         add(study, [value, value])
-    assert tuning.read(tmp_path)[0].importance == {}
-    assert "Importances need 8 trials" in tuning.as_text(tuning.read(tmp_path)[0])
+    assert read(tmp_path)[0].importance == {}
+    assert "Importances need 8 trials" in tuning.as_text(read(tmp_path)[0])
 
 
 def test_the_best_is_set_beside_the_first_seed_by_seed(tmp_path):
     study = journal(tmp_path)
     add(study, [0.4, 0.6], label="default", learning_rate=3e-4)
     add(study, [0.5, 0.9])
-    text = tuning.as_text(tuning.read(tmp_path)[0])
+    text = tuning.as_text(read(tmp_path)[0])
     # Gains of 0.1 and 0.3: a mean of 0.2, a standard error of 0.1.
     assert "| 0 (default) | 0.500 ± 0.100 | 0.200 ± 0.100 | 50 ± 10 | 3.00 |" in text
     assert "| 1, the best | 0.700 ± 0.200 | - | 70 ± 20 | 3.00 |" in text
@@ -139,9 +141,7 @@ def test_the_best_is_set_beside_the_first_seed_by_seed(tmp_path):
 
 def test_one_seed_has_no_spread(tmp_path):
     add(journal(tmp_path), [0.4], label="default")
-    assert "| 0 (default), the best | 0.400 | - | 40 | 3.00 |" in tuning.as_text(
-        tuning.read(tmp_path)[0]
-    )
+    assert "| 0 (default), the best | 0.400 | - | 40 | 3.00 |" in tuning.as_text(read(tmp_path)[0])
 
 
 def test_the_command_writes_figure_and_numbers_and_prints_the_tables(folder, tmp_path, capsys):
@@ -161,7 +161,7 @@ def test_the_command_writes_figure_and_numbers_and_prints_the_tables(folder, tmp
 
 
 def test_a_figure_has_the_trials_the_first_ones_and_what_chance_gives(studies):
-    figure = tuning.draw(studies)
+    figure = draw(studies)
     empty, no_importance, trials, importance = figure.axes
     labels = trials.get_legend_handles_labels()[1]
     assert {"complete", "default", "candidate", "best so far"} <= set(labels)
@@ -186,6 +186,6 @@ def test_a_file_that_is_no_journal_is_named(tmp_path, capsys, text):
 
 
 def test_without_optuna_the_extra_is_named(folder, capsys, monkeypatch):
-    monkeypatch.setattr(tuning.importlib.util, "find_spec", lambda name: None)
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
     assert tuning.main(["", f"--data={folder}"]) == 2
     assert "'.[tune]'" in capsys.readouterr().err

@@ -15,7 +15,7 @@ from hac_suite.training import loop
 
 pytest.importorskip("stable_baselines3")
 
-from analysis.peers import COLUMNS, load_curve
+from analysis.statistics.peers import COLUMNS, load_curve
 from tests.bench.peers import __main__ as program
 from tests.bench.peers import agents, curves, training
 

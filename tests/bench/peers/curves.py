@@ -5,8 +5,8 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from analysis.peers import COLUMNS, load_curve
 from analysis.reading.files import write_atomically
+from analysis.statistics.peers import COLUMNS, load_curve
 
 TASK = "ur5_reacher"
 MINUTES = 0.25  # core-minutes of each run of the benchmark

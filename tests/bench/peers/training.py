@@ -26,7 +26,9 @@ def train(
     minutes: float,
     test_every: int = PAPER.episodes_per_period,
 ) -> list[dict[str, Any]]:
-    """Trains one agent; the rows of its curve, `analysis.peers.COLUMNS`, the untrained one first.
+    """Trains one agent; the rows of its curve, the untrained one first.
+
+    Their columns are `analysis.statistics.peers.COLUMNS`.
 
     Args:
       episodes: training ends after so many,

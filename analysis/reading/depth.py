@@ -1,0 +1,76 @@
+"""Results of the depth study: the same motion, taken in more and more decisions."""
+
+import json
+import re
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+from analysis.reading import names
+from analysis.reading.results import NoResults, load
+
+STUDY = {"ur5_reacher": (200, 400, 800), "pick_place": (300, 600, 1200)}
+
+"""By motion, the numbers of decisions that it is taken in; the suite's own comes first."""
+
+GAINS = ((1, 0), (2, 1))
+
+"""Agents compared, by subgoal layers: the first is to gain over the second."""
+
+_NOTHING = (
+    "{folder}: holds no results of {tasks}; `python -m analysis.depth --commands` prints what "
+    "trains them, and --data says where they are"
+)
+
+_CONFIGS = "{path}: is of another configuration than {other} ({names}); they cannot be compared"
+
+
+def load_study(folder: Path) -> pd.DataFrame:
+    """All results in `<folder>/<task>/`, with columns `motion` and `decisions`.
+
+    Raises:
+      ValueError: there are none, some are of different configurations, or as
+        `analysis.reading.results.load`.
+    """
+    found, configs = [], {}
+    for path in sorted(Path(folder).glob("*/results.csv")):
+        try:
+            table = load(path.parent)
+        except NoResults:
+            continue
+        places = [place(task) for task in table["task"]]
+        if None in places:
+            continue
+        motions = pd.DataFrame(places, columns=["motion", "decisions"])
+        found.append(pd.concat([table, motions], axis=1))
+        configs[path] = _config(path.parent)
+    if not found:
+        raise ValueError(_NOTHING.format(folder=folder, tasks=" or ".join(STUDY)))
+    _check_same(configs)
+    return pd.concat(found, ignore_index=True)
+
+
+def place(task: str) -> tuple[str, int] | None:
+    """Motion and decisions of a task of the study, such as depth-ur5_reacher_400."""
+    named = re.fullmatch(r"(?:\w+-)?(\w+)_(\d+)", task)
+    if named is None or int(named[2]) not in STUDY.get(named[1], ()):
+        return None
+    return named[1], int(named[2])
+
+
+def _config(folder: Path) -> dict[str, Any] | None:
+    """The hyperparameters in a run folder's manifest; None where there is no manifest."""
+    path = folder / names.MANIFEST
+    return json.loads(path.read_text(encoding="utf-8"))["config"] if path.is_file() else None
+
+
+def _check_same(configs: dict[Path, dict[str, Any] | None]) -> None:
+    known = [(path, config) for path, config in configs.items() if config is not None]
+    for path, config in known[1:]:
+        other, first = known[0]
+        differ = [name for name in sorted({*first, *config}) if first.get(name) != config.get(name)]
+        if differ:
+            raise ValueError(
+                _CONFIGS.format(path=path.parent, other=other.parent, names=", ".join(differ))
+            )
