@@ -67,13 +67,15 @@ def compare(results: pd.DataFrame) -> pd.DataFrame:
     """A row per task, agent and variant, those of the paper first.
 
     Returns:
-      `n` seeds; `final` success at the last period and `area`, the mean success of all trained
-      periods (the area under the curve), each with `_low` and `_high`, its 95% interval over
-      seeds; `difference` of the area from the paper's variant, with its interval;
-      `episodes_to_80`, the median seed's.
+      `n` seeds; `final` success at the last period that all variants have, and `area`, the mean
+      success of all trained periods until then (the area under the curve), each with `_low` and
+      `_high`, its 95% interval over seeds; `difference` of the area from the paper's variant, with
+      its interval; `episodes_to_80`, the median seed's.
     """
     rows = []
     for (task, layers), of_agent in results.groupby(["task", "subgoal_layers"]):
+        # Where a variant stopped early, all are compared until there.
+        of_agent = of_agent[of_agent["train_episodes"] <= _common_budget(of_agent)]
         last = of_agent["period"].max()
         reference = _areas(of_agent[of_agent["variant"] == REFERENCE])
         for variant in sorted(of_agent["variant"].unique(), key=_place):
@@ -87,6 +89,11 @@ def compare(results: pd.DataFrame) -> pd.DataFrame:
             row |= _difference(areas, reference, is_reference=variant == REFERENCE)
             rows.append({**row, "episodes_to_80": reached})
     return pd.DataFrame(rows)
+
+
+def _common_budget(results: pd.DataFrame) -> int:
+    """Training episodes that the longest-trained seed of every variant has behind it."""
+    return results.groupby("variant")["train_episodes"].max().min()
 
 
 def _place(variant: str) -> tuple[int, str]:

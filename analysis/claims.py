@@ -49,9 +49,9 @@ METHOD = (
     "Areas, and episodes to 80%, end where the first seed of a task does; a seed that never gets "
     "to 80% counts as taking until then. p values: permutation test for areas, Mann-Whitney "
     "for the probability of improvement, log-rank for episodes, sign flips for falls.",
-    f"(a), (c), (e): a gain is supported if it is positive at p < {ALPHA} after Holm's correction "
-    f"over the claim's comparisons; not supported if its interval ends below {100 * MARGIN:.0f} "
-    "points; else undecided. Probability of improvement and episodes are shown beside it, "
+    f"(a), (c), (e): a gain is not supported if its interval ends below {100 * MARGIN:.0f} points; "
+    f"else supported if it is positive at p < {ALPHA} after Holm's correction over the claim's "
+    "comparisons; else undecided. Probability of improvement and episodes are shown beside it, "
     "uncorrected, and decide nothing. (e) counts the subgoals of training episodes, random ones "
     "and those pursued under exploration noise included.",
     f"(b): supported on a task if the share of seeds above {CONSISTENT:.0%} is below "

@@ -28,13 +28,9 @@ Flags:
 {flags}
 
 Exit status: 0; 2 what it is to read is not there or damaged, or the command was wrong."""
-
 FOLDER = Path(__file__).parent / "data" / "depth"
-
 NAME = "depth"
-
 SEEDS, PERIODS, RUNS = "10-19", 10, "runs/depth"
-
 _NO_PAIRS = (
     "{folder}: no seed of two agents was trained for the same number of episodes yet; "
     "--episodes=N compares over the first N episodes"

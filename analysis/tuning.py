@@ -23,9 +23,7 @@ Flags:
 {flags}
 
 Exit status: 0; 2 what it is to read is not there or damaged, or the command was wrong."""
-
 FOLDER = Path(__file__).parent / "data" / "tuning"
-
 NAME = "tuning"
 
 

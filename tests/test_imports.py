@@ -29,7 +29,7 @@ ROOMS = {
     "analysis/statistics": {"reading"},
     "analysis/figures": {"reading", "statistics"},
     "analysis/verdicts": {"reading", "statistics"},
-    "analysis/report": {"reading", "statistics", "figures"},
+    "analysis/report": {"reading", "statistics", "figures", "verdicts"},
     "launch/asking": set(),
     "launch/configs": {"asking"},
     "launch/folder": {"asking"},

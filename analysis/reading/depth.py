@@ -1,28 +1,21 @@
 """Results of the depth study: the same motion, taken in more and more decisions."""
 
-import json
 import re
 from pathlib import Path
 from typing import Any
 
 import pandas as pd
 
-from analysis.reading import names
-from analysis.reading.results import NoResults, load
+from analysis.reading.results import NoResults, load, read_manifest
 
 STUDY = {"ur5_reacher": (200, 400, 800), "pick_place": (300, 600, 1200)}
-
 """By motion, the numbers of decisions that it is taken in; the suite's own comes first."""
-
 GAINS = ((1, 0), (2, 1))
-
 """Agents compared, by subgoal layers: the first is to gain over the second."""
-
 _NOTHING = (
     "{folder}: holds no results of {tasks}; `python -m analysis.depth --commands` prints what "
     "trains them, and --data says where they are"
 )
-
 _CONFIGS = "{path}: is of another configuration than {other} ({names}); they cannot be compared"
 
 
@@ -44,7 +37,7 @@ def load_study(folder: Path) -> pd.DataFrame:
             continue
         motions = pd.DataFrame(places, columns=["motion", "decisions"])
         found.append(pd.concat([table, motions], axis=1))
-        configs[path] = _config(path.parent)
+        configs[path] = read_manifest(path.parent)[0].get("config")
     if not found:
         raise ValueError(_NOTHING.format(folder=folder, tasks=" or ".join(STUDY)))
     _check_same(configs)
@@ -57,12 +50,6 @@ def place(task: str) -> tuple[str, int] | None:
     if named is None or int(named[2]) not in STUDY.get(named[1], ()):
         return None
     return named[1], int(named[2])
-
-
-def _config(folder: Path) -> dict[str, Any] | None:
-    """The hyperparameters in a run folder's manifest; None where there is no manifest."""
-    path = folder / names.MANIFEST
-    return json.loads(path.read_text(encoding="utf-8"))["config"] if path.is_file() else None
 
 
 def _check_same(configs: dict[Path, dict[str, Any] | None]) -> None:

@@ -1,11 +1,12 @@
-"""Reads results.csv of one or several run folders into one tidy table, or says what is wrong."""
+"""Reads results.csv of one or several run folders into one tidy table, and a run's manifest."""
 
 import csv
 import io
+import json
 import warnings
 from collections.abc import Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -164,3 +165,16 @@ def _check_unique(results: pd.DataFrame) -> None:
         ]
         more = f" and {len(doubled) - 3} more" if len(doubled) > 3 else ""
         raise ValueError(_DUPLICATES.format(rows="; ".join(rows) + more))
+
+
+def read_manifest(folder: Path) -> tuple[dict[str, Any], str]:
+    """A run folder's manifest, or {} and what is wrong: results are worth reading without one."""
+    try:
+        manifest = json.loads((folder / names.MANIFEST).read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        return {}, "No manifest.json here: the command is what the results ask for."
+    except (OSError, ValueError) as error:
+        return {}, f"manifest.json cannot be read: {error}"
+    if not isinstance(manifest, dict):
+        return {}, "manifest.json is not a run folder's manifest."
+    return manifest, ""

@@ -16,9 +16,10 @@ from analysis.figures.diagnostics import draw_diagnostics
 from analysis.figures.success import DOTS_PER_INCH, draw_success
 from analysis.reading import names, paper
 from analysis.reading.files import write_text
-from analysis.reading.results import load
+from analysis.reading.results import load, read_manifest
 from analysis.report import page
 from analysis.statistics.seeds import final_success, success_per_period
+from analysis.verdicts import hierarchy
 
 _TABLES = (names.FIGURE, names.FIGURE_NUMBERS, names.RESULTS, names.MANIFEST)
 
@@ -44,6 +45,7 @@ def write_report(run_dir: Path) -> Path:
         figure,
         _files(run_dir, _TABLES),
         *_final_table(results, task),
+        *_verdict(results),
         *_diagnostics(results),
         *_videos(run_dir),
         *_policies(run_dir),
@@ -90,6 +92,23 @@ def _final_row(agent: Any) -> tuple[str, ...]:
     )
 
 
+def _verdict(results: pd.DataFrame) -> Iterator[str]:
+    yield "<h2>Does hierarchy help here?</h2>"
+    try:
+        verdicts = hierarchy.judge(results, {})
+    except ValueError as error:
+        yield f"<p>Not to be told: this folder {page.text(error)}.</p>"
+        return
+    items = "".join(f"<li>{page.text(verdict.sentence)}</li>" for verdict in verdicts)
+    yield f"<ul>{items}</ul>"
+    yield page.table(hierarchy.HEADINGS, hierarchy.rows(verdicts))
+    yield (
+        '<p class="note">Seed by seed. The gain in area at equal environment steps decides; p of '
+        "it, corrected for the number of agents, is in the sentence. Other flat agents can be set "
+        "beside these with <code>python -m analysis.verdict</code>.</p>"
+    )
+
+
 def _interval(low: float, high: float) -> str:
     return "(one seed, no interval)" if math.isnan(low) else f"[{low:.1%}, {high:.1%}]"
 
@@ -133,7 +152,7 @@ def _policies(run_dir: Path) -> Iterator[str]:
 
 def _reproduction(run_dir: Path, results: pd.DataFrame) -> Iterator[str]:
     yield "<h2>How to reproduce</h2>"
-    manifest, problem = _read_manifest(run_dir / names.MANIFEST)
+    manifest, problem = read_manifest(run_dir)
     commands = _recorded_commands(manifest) or [_command_for(results)]
     yield f"<pre>{page.text(chr(10).join(commands))}</pre>"
     if problem:
@@ -142,22 +161,6 @@ def _reproduction(run_dir: Path, results: pd.DataFrame) -> Iterator[str]:
         yield "<details><summary>Configuration, versions, machine (manifest.json)</summary>"
         yield page.table(("entry", "value"), _leaves(manifest))
         yield "</details>"
-
-
-def _read_manifest(path: Path) -> tuple[dict[str, Any], str]:
-    """The manifest, or {} and what is wrong: a report is worth having without one."""
-    try:
-        manifest = json.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        return (
-            {},
-            "No manifest.json here: the command is what the results ask for.",
-        )
-    except (OSError, ValueError) as error:
-        return {}, f"manifest.json cannot be read: {error}"
-    if not isinstance(manifest, dict):
-        return {}, "manifest.json is not a run folder's manifest."
-    return manifest, ""
 
 
 def _recorded_commands(manifest: Mapping[str, Any]) -> list[str]:

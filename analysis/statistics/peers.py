@@ -20,19 +20,12 @@ COLUMNS = (
     "success_rate",
     "test_episodes",
 )
-
 """A curve's columns: a row for each test, the untrained one first."""
-
 OURS = "hac"
-
 WHOSE = ["task", "agent", "settings"]
-
 _WORDS = ("task", "agent", "settings")
-
 COMMAND = "python -m tests.bench.peers"
-
 _NOTHING = "{folder}: holds no curves of strangers; `{command}` trains some"
-
 _BAD_CURVE = "{path}: not a stranger's curve ({error}); delete it, and `{command}` trains it anew"
 
 

@@ -11,13 +11,9 @@ from scipy import stats
 from analysis.reading import paper
 
 SHUFFLES = 200
-
 LEAST_TRIALS = 8  # complete or pruned, for an importance to say anything
-
 TOP = 0.25  # importance is for being among this share of the trials
-
 _NOTHING = "{folder}: holds no journal of trials; `python launch/tune.py` makes some"
-
 _NO_OPTUNA = (
     "journals are read with optuna, which is not installed; in the repository's folder, "
     "`python -m pip install -c constraints.txt -e '.[tune]'` adds it"

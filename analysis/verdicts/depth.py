@@ -8,17 +8,15 @@ import pandas as pd
 
 from analysis.reading.depth import GAINS, STUDY, place
 from analysis.statistics import comparison
+from analysis.statistics.areas import areas
 from analysis.verdicts import evidence
 from analysis.verdicts.evidence import NOT_SUPPORTED, SUPPORTED, Evidence
 
 _NO_SUCH_TEST = (
     "{folder}: no seed of {motion} was tested after {episodes} episodes, but after {all}"
 )
-
 _LAYERS = {1: "a first layer over none", 2: "a second layer over one"}
-
 _PAYS, _COSTS, _UNDECIDED = "it pays", "it costs", "undecided"
-
 _TOO_LITTLE = f"less than {evidence.MARGIN * 100:.0f} points, if anything"
 
 
@@ -41,22 +39,6 @@ def budgets(results: pd.DataFrame, episodes: int | None, folder: Path) -> dict[s
                 _NO_SUCH_TEST.format(folder=folder, motion=motion, episodes=episodes, all=after)
             )
     return dict.fromkeys(tested.index, episodes)
-
-
-def areas(results: pd.DataFrame, budget: int) -> pd.Series:
-    """By seed, the area under the success curve until `budget`, as a share of the largest possible.
-
-    Seeds that were not tested then are left out.
-
-    Args:
-      results: of one agent on one task.
-      budget: training episodes.
-    """
-    found = {}
-    for seed, own in results[results["train_episodes"] <= budget].groupby("seed"):
-        if own["train_episodes"].max() == budget > 0:
-            found[seed] = np.trapezoid(own["success_rate"], own["train_episodes"] / budget)
-    return pd.Series(found, dtype=float)
 
 
 def paired_gains(results: pd.DataFrame, new: int, old: int, budget: int) -> np.ndarray:

@@ -81,9 +81,10 @@ def judge_gain(item: Evidence) -> Evidence:
     """Judges an improvement: there, too small to be one, or undecided."""
     if min(item.seeds) < LEAST_SEEDS:
         return replace(item, verdict=UNDECIDED)
-    if item.p_holm < ALPHA and item.value > 0:
-        return replace(item, verdict=SUPPORTED)
-    return replace(item, verdict=NOT_SUPPORTED if item.high < MARGIN else UNDECIDED)
+    if item.high < MARGIN:  # too small to be called one, however sure
+        return replace(item, verdict=NOT_SUPPORTED)
+    surely = item.p_holm < ALPHA and item.value > 0
+    return replace(item, verdict=SUPPORTED if surely else UNDECIDED)
 
 
 def judge_gains(items: Sequence[Evidence]) -> list[Evidence]:

@@ -9,6 +9,7 @@ import pandas as pd
 
 from analysis.reading import paper
 from analysis.statistics import comparison
+from analysis.statistics.areas import areas, common_budget
 from analysis.statistics.seeds import SOLVED, bootstrap
 from analysis.verdicts import evidence
 from analysis.verdicts.evidence import Claim, Evidence
@@ -50,7 +51,7 @@ def _rival(results: pd.DataFrame, others: Mapping[str, pd.DataFrame]) -> Rival:
         found = {OWN if found else "": results, **found}
     if not found:
         return Rival("", results, {})
-    strongest = max(found, key=lambda name: areas(found[name], 0).mean())
+    strongest = max(found, key=lambda name: areas_of(found[name], 0).mean())
     return Rival(strongest, found.pop(strongest), found)
 
 
@@ -140,7 +141,9 @@ def _about_cuts(grid: Grid) -> str:
     for task, results in grid.items():
         budget, longest = common_budget(results), results["train_episodes"].max()
         if budget < longest:
-            parts.append(f"; {task} compared over {budget} of {longest} episodes, a seed's last")
+            parts.append(
+                f"; {task} compared over {budget:.0f} of {longest} episodes, a seed's last"
+            )
     return "".join(parts)
 
 
@@ -148,7 +151,7 @@ def _compare(
     task: str, results: pd.DataFrame, new: int, old: int, flat_name: str = ""
 ) -> tuple[Evidence, ...]:
     """Area, probability of improvement and episodes to 80% of agent `new` against `old`."""
-    pair = areas(results, new), areas(results, old)
+    pair = areas_of(results, new), areas_of(results, old)
     seeds = tuple(map(len, pair))
     agents = f"{new} against {old}" + (f" ({flat_name})" if flat_name else "")
     improvement = comparison.probability_of_improvement
@@ -177,7 +180,7 @@ def _pooled_gain(grid: Grid, pairs: Sequence[tuple[str, int, int]]) -> Evidence:
     for task, new, old in pairs:
         for layers, sign in ((new, 1), (old, -1)):
             weights[task, layers] = weights.get((task, layers), 0.0) + sign / len(pairs)
-    samples = [areas(grid[task], layers) for task, layers in weights]
+    samples = [areas_of(grid[task], layers) for task, layers in weights]
     agents = ", ".join(dict.fromkeys(f"{new} against {old}" for _, new, old in pairs))
     value = comparison.contrast(samples, list(weights.values()))
     return Evidence(
@@ -186,24 +189,13 @@ def _pooled_gain(grid: Grid, pairs: Sequence[tuple[str, int, int]]) -> Evidence:
     )  # fmt: skip
 
 
-def areas(results: pd.DataFrame, layers: int) -> np.ndarray:
+def areas_of(results: pd.DataFrame, layers: int) -> np.ndarray:
     """Area under each seed's success curve, [seeds], as a share of the largest one possible.
 
     Curves are cut where the task's first seed ends, so that all have had the same training.
     """
-    budget = common_budget(results)
-    own = results[(results["subgoal_layers"] == layers) & (results["train_episodes"] <= budget)]
-    return np.array(
-        [
-            np.trapezoid(curve["success_rate"], curve["train_episodes"] / budget)
-            for _, curve in own.groupby("seed")
-        ]
-    )
-
-
-def common_budget(results: pd.DataFrame) -> int:
-    """Training episodes that all seeds of a task have behind them."""
-    return int(results.groupby(["subgoal_layers", "seed"])["train_episodes"].max().min())
+    own = results[results["subgoal_layers"] == layers]
+    return areas(own, common_budget(results)).to_numpy()
 
 
 def episodes_to_solved(results: pd.DataFrame, layers: int) -> np.ndarray:

@@ -56,3 +56,15 @@ def test_a_variant_that_was_not_run_is_said_to_be_missing(folder):
 def test_an_empty_folder_is_refused(tmp_path, capsys):
     assert ablations.main(["", f"--data={tmp_path}"]) == 2
     assert "launch/ablate.py" in capsys.readouterr().err
+
+
+def test_a_variant_that_stopped_early_is_compared_until_there(folder, make_results):
+    run = folder / "no_subgoal_tests" / "pick_place"
+    run.mkdir(parents=True)
+    make_results({1: [[0, 0.5], [0, 0.7], [0, 0.6]]}, "pick_place").to_csv(
+        run / "results.csv", index=False
+    )
+    table = ablations.compare(ablations.load_variants(folder))
+    picked = table[table["task"] == "pick_place"].set_index("variant")
+    assert picked.loc["no_subgoal_tests", "difference"] == pytest.approx(0)
+    assert picked.loc["paper", "area"] == picked.loc["paper", "final"] == pytest.approx(0.6)

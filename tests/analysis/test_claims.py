@@ -1,5 +1,6 @@
 """Verdicts on claims (a) to (e) follow the data: made-up results whose answer is known."""
 
+import dataclasses
 import json
 
 import numpy as np
@@ -8,9 +9,16 @@ import pytest
 
 from analysis.claims import COLUMNS, WHY_FILE, judge, main
 from analysis.reading import paper
-from analysis.verdicts.evidence import NOT_SUPPORTED, SUPPORTED, UNDECIDED
+from analysis.statistics.areas import common_budget
+from analysis.verdicts.evidence import (
+    NOT_SUPPORTED,
+    SUPPORTED,
+    UNDECIDED,
+    Evidence,
+    judge_gain,
+)
 from analysis.verdicts.learning_claims import falls_in_missed, late_missed
-from analysis.verdicts.speed_claims import areas, common_budget, episodes_to_solved
+from analysis.verdicts.speed_claims import areas_of, episodes_to_solved
 
 
 def _like(curve, seeds=6):
@@ -136,8 +144,8 @@ def test_a_seed_that_ended_early_is_named(make_grid):
 def test_areas_end_where_the_first_seed_does(make_results):
     results = make_results({0: [[0.0, 1.0, 1.0, 1.0]], 1: [[0.0, 0.5, 1.0, None]]})
     assert common_budget(results) == 600
-    assert areas(results, 0).tolist() == [0.75]
-    assert areas(results, 1).tolist() == [0.5]
+    assert areas_of(results, 0).tolist() == [0.75]
+    assert areas_of(results, 1).tolist() == [0.5]
 
 
 def test_episodes_to_80_percent_are_infinite_where_it_never_comes(make_results):
@@ -220,3 +228,9 @@ def test_a_weaker_flat_agent_changes_no_verdict(make_grid, make_run, tmp_path):
     assert [e.value for e in after["b"].evidence] == [e.value for e in before["b"].evidence]
     named = {item.agents for item in after["a"].evidence if item.task == "pendulum_climb"}
     assert {"1 against 0 (DDPG+HER)", "1 against 0 (TD3+HER)"} <= named
+
+
+def test_a_gain_that_is_sure_and_small_is_too_small():
+    sure = Evidence("x", "2 against 1", "gain", "points", (10, 10), 0.02, 0.01, 0.03, 0.001, 0.001)
+    assert judge_gain(sure).verdict == NOT_SUPPORTED
+    assert judge_gain(dataclasses.replace(sure, high=0.06)).verdict == SUPPORTED

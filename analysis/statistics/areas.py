@@ -1,0 +1,39 @@
+"""Area under success curves: one number for how soon and how surely an agent learns."""
+
+import numpy as np
+import pandas as pd
+
+from analysis.statistics.seeds import core_seconds
+
+EPISODES, STEPS, SECONDS = "train_episodes", "train_steps", "core_seconds"
+"""What agents can be given equal amounts of, as columns of results."""
+
+
+def areas(results: pd.DataFrame, budget: float, against: str = EPISODES) -> pd.Series:
+    """By seed, the area under the success curve until `budget`, as a share of the largest possible.
+
+    Seeds that ended before are left out: nobody knows what more training would have done.
+
+    Args:
+      results: of one agent on one task.
+      budget: so much of the column `against`, more than 0.
+    """
+    found = {}
+    for seed, curve in results.groupby("seed"):
+        spent, success = curve[against].to_numpy(float), curve["success_rate"].to_numpy(float)
+        if spent.max() >= budget > 0:
+            within = spent < budget
+            x = np.append(spent[within], budget)
+            y = np.append(success[within], np.interp(budget, spent, success))
+            found[seed] = np.trapezoid(y, x / budget)
+    return pd.Series(found, dtype=float)
+
+
+def common_budget(results: pd.DataFrame, against: str = EPISODES) -> float:
+    """What all seeds of a task have behind them, of the column `against`."""
+    return float(results.groupby(["subgoal_layers", "seed"])[against].max().min())
+
+
+def with_core_seconds(results: pd.DataFrame) -> pd.DataFrame:
+    """The results with their column `core_seconds` filled where an earlier version lacked it."""
+    return results.assign(core_seconds=core_seconds(results))

@@ -1,0 +1,88 @@
+"""Does hierarchy help on a task? A verdict with an interval, from one run folder or two."""
+
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from absl import flags
+
+from analysis import program
+from analysis.reading import paper
+from analysis.reading.results import load, read_manifest
+from analysis.verdicts import hierarchy
+
+_HELP = """Says whether hierarchy helped: 1 and 2 subgoal layers against the strongest flat agent.
+
+  python -m analysis.verdict runs/pick_place --flat=runs/td3/pick_place
+
+Agents are compared seed by seed: the area under the success curve at equal environment steps, which
+decides, and at equal core-minutes and episodes; the success of the last periods; the chance that a
+seed with subgoal layers does better than one without. --flat names run folders of other agents
+without subgoal layers on the same task, with commas between them: the strongest counts.
+
+Flags:
+{flags}
+
+Exit status: 0; 2 what it is to read is not there or damaged, or the command was wrong."""
+
+
+def judge(folder: Path, others: Sequence[Path]) -> list[hierarchy.Verdict]:
+    """The verdicts on a run folder's hierarchies; see `hierarchy.judge`.
+
+    Args:
+      others: run folders of other agents without subgoal layers on the same task.
+
+    Raises:
+      FileNotFoundError, ValueError: as `load`; or there is nothing to compare.
+    """
+    results = load(folder)
+    tasks = sorted(set(results["task"]))
+    if len(tasks) > 1:
+        raise ValueError(f"{folder}: holds results of {', '.join(tasks)}; give one task's folder")
+    flats = {}
+    for other in others:
+        rows = load(other)
+        if set(rows["task"]) != set(tasks):
+            found = ", ".join(sorted(set(rows["task"])))
+            raise ValueError(f"{other}: holds results of {found}, not of {tasks[0]}")
+        flats[_name(other)] = rows[rows["subgoal_layers"] == 0]
+    try:
+        return hierarchy.judge(results, flats)
+    except ValueError as error:
+        raise ValueError(f"{folder}: {error}") from error
+
+
+def _name(folder: Path) -> str:
+    """What another flat agent is called: its learner, if its manifest says it."""
+    learner = read_manifest(folder)[0].get("config", {}).get("learner")
+    return f"{learner.upper()}, {folder}" if isinstance(learner, str) else str(folder)
+
+
+def as_text(verdicts: Sequence[hierarchy.Verdict], task: str) -> str:
+    """The sentences, and all that was measured as a table in Markdown."""
+    lines = [f"# Does hierarchy help on {paper.title(task)}?", ""]
+    lines += [f"- {verdict.sentence}" for verdict in verdicts]
+    table = [
+        hierarchy.HEADINGS,
+        ("---",) * len(hierarchy.HEADINGS),
+        *hierarchy.rows(verdicts),
+    ]
+    return "\n".join([*lines, "", *(f"| {' | '.join(map(str, row))} |" for row in table)])
+
+
+def main(argv: Sequence[str]) -> int:
+    """Carries out a command; returns the exit status that --help states."""
+    values = flags.FlagValues()
+    flags.DEFINE_list("flat", [], "run folders of other flat agents on the task", values)
+    words = "one run folder, such as runs/pick_place"
+    this = program.Program(_HELP, values, words, wrong=program.UNREADABLE)
+    return program.carry_out(this, argv, lambda words: _say(Path(words[0]), values.flat))
+
+
+def _say(folder: Path, others: Sequence[str]) -> None:
+    verdicts = judge(folder, [Path(other) for other in others])
+    print(as_text(verdicts, verdicts[0].deciding.task))
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv))

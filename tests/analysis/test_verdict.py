@@ -1,0 +1,116 @@
+"""Whether hierarchy helps: made-up results whose answer is known, and what cannot be compared."""
+
+import numpy as np
+import pytest
+
+from analysis import verdict
+from analysis.verdicts import hierarchy
+from analysis.verdicts.hierarchy import HELPS, HURTS, SMALL, UNDECIDED
+
+SLOW, FAST = [0.0, 0.0, 0.1, 0.2], [0.0, 0.5, 0.8, 0.95]
+
+
+def like(curve, seeds=8):
+    """Curves of seeds that differ a little in their last but one test period."""
+    return [[*curve[:-2], curve[-2] + 0.005 * seed, curve[-1]] for seed in range(seeds)]
+
+
+@pytest.mark.parametrize(
+    ("flat", "deep", "says"),
+    [
+        (like(SLOW), like(FAST), HELPS),
+        (like(FAST), like(SLOW), HURTS),
+        (like(FAST), [[0, 0.51, 0.81, 0.95]] * 8, SMALL),
+        (like(SLOW, 3), like(FAST, 3), UNDECIDED),
+    ],
+)
+def test_the_verdict_follows_the_data(make_results, flat, deep, says):
+    (found,) = hierarchy.judge(make_results({0: flat, 1: deep}), {})
+    assert (found.subgoal_layers, found.says) == (1, says)
+    assert f"1 subgoal layer: {says}. " in found.sentence
+
+
+def test_area_is_compared_at_equal_steps_minutes_and_episodes(make_results):
+    results = make_results({0: like(FAST), 1: like(FAST)})
+    deep = results["subgoal_layers"] == 1
+    results["core_seconds"] = results["wall_seconds"] / 8
+    # The same curves in half the environment steps and in twice the time.
+    results.loc[deep, "train_steps"] //= 2
+    results.loc[deep, "core_seconds"] *= 2
+    (found,) = hierarchy.judge(results, {})
+    gains = {item.quantity: item.value for item in found.evidence if "area" in item.quantity}
+    steps, improvement, minutes, episodes = gains.values()
+    assert steps > 0.15 and minutes < -0.15 and episodes == 0
+    assert improvement > 0.9  # of a seed at equal environment steps
+    assert found.says == HELPS  # environment steps decide
+
+
+def test_seeds_are_compared_with_themselves(make_results):
+    """Seeds differ much, but each gains the same: pairs tell what means do not."""
+    base = np.linspace(0, 0.8, 8)
+    flat = [[0, level, level] for level in base]
+    deep = [[0, level + 0.1, level + 0.1] for level in base]
+    results = make_results({0: flat, 2: deep})
+    (found,) = hierarchy.judge(results, {})
+    assert found.deciding.value == pytest.approx(0.075) and found.says == HELPS
+    lacking = results[(results["subgoal_layers"] == 0) | (results["seed"] > 1)]
+    (fewer,) = hierarchy.judge(lacking, {})
+    assert fewer.deciding.seeds == (6,)
+
+
+def test_the_strongest_flat_agent_counts(make_results):
+    results = make_results({0: like(SLOW), 1: like(FAST), 2: like(FAST)})
+    strong = make_results({0: like([0, 0.9, 0.95, 1.0])})
+    found = hierarchy.judge(results, {"TD3": strong})
+    assert [one.subgoal_layers for one in found] == [1, 2]
+    assert {one.says for one in found} == {HURTS} and {one.rival for one in found} == {"TD3"}
+    weak = make_results({0: [[0.0] * 4] * 8})
+    assert {one.rival for one in hierarchy.judge(results, {"TD3": weak})} == {"DDPG+HER"}
+
+
+def test_what_is_undecided_says_how_many_seeds_would_tell(make_results):
+    gains = np.array([-0.2, 0.3, -0.1, 0.25, 0.0, 0.2])
+    flat = [[0, 0.5, 0.5]] * 6
+    deep = [[0, 0.5 + gain, 0.5 + gain] for gain in gains]
+    (found,) = hierarchy.judge(make_results({0: flat, 1: deep}), {})
+    assert found.says == UNDECIDED and found.seeds_needed is not None
+    # By hand: (1.96 + 0.84)^2 (spread / mean)^2.
+    by_hand = (2.8016 * gains.std(ddof=1) / gains.mean()) ** 2
+    assert found.seeds_needed == int(np.ceil(by_hand))
+    assert f"about {found.seeds_needed} seeds" in found.sentence
+
+
+def test_so_many_seeds_find_the_gain_as_often_as_is_said():
+    random = np.random.default_rng(0)
+    new, old = random.normal(0.05, 0.1, 12), np.zeros(12)
+    needed = hierarchy.seeds_needed(new, old)
+    mean, spread = new.mean(), new.std(ddof=1)
+    drawn = random.normal(mean, spread, (4000, needed))
+    t = drawn.mean(1) / (drawn.std(1, ddof=1) / np.sqrt(needed))
+    assert 0.72 < (abs(t) > 1.96).mean() < 0.88
+
+
+def test_the_command_prints_sentences_and_all_that_was_measured(make_run, capsys, tmp_path):
+    folder = make_run({0: like(SLOW), 1: like(FAST)})
+    assert verdict.main(["", str(folder)]) == 0
+    printed = capsys.readouterr().out
+    assert "- 1 subgoal layer: it helps. +" in printed
+    assert printed.count("| 1 against 0 |") == 5
+    folder.rename(tmp_path / "ours")
+    other = make_run({0: like(FAST), 1: like(FAST)})
+    assert verdict.main(["", str(tmp_path / "ours"), f"--flat={other}"]) == 0
+    assert f"1 against 0 ({other})" in capsys.readouterr().out
+
+
+def test_what_cannot_be_compared_is_said_in_a_line(make_run, capsys, tmp_path):
+    folder = make_run({1: like(FAST), 2: like(FAST)})
+    assert verdict.main(["", str(folder)]) == 2
+    assert "train an agent without subgoal layers" in capsys.readouterr().err
+    folder.rename(tmp_path / "deep")
+    flat = make_run({0: like(FAST)})
+    assert verdict.main(["", str(flat)]) == 2
+    assert "train agents with subgoal layers" in capsys.readouterr().err
+    other = make_run({0: like(FAST)}, task="ur5_reacher")
+    assert verdict.main(["", str(tmp_path / "deep"), f"--flat={other}"]) == 2
+    assert "holds results of ur5_reacher, not of" in capsys.readouterr().err
+    assert verdict.main(["", str(tmp_path / "none")]) == 2
