@@ -65,6 +65,32 @@ def draw_success(summary: pd.DataFrame) -> Figure:
     return figure
 
 
+def draw_seeds(results: pd.DataFrame) -> Figure:
+    """A panel for each agent of one task: every seed as a thin line under the mean.
+
+    Args:
+      results: of one task, as `analysis.reading.results.load` gives them.
+    """
+    summary = success_per_period(results)
+    agents = sorted(summary["subgoal_layers"].unique())
+    figure = Figure(figsize=(3.4 * len(agents) + 0.6, 3.2))
+    figure.set_layout_engine("constrained", w_pad=0.08, h_pad=0.08)
+    axes = figure.subplots(1, len(agents), sharey=True, squeeze=False)[0]
+    for ax, layers in zip(axes, agents, strict=True):
+        style = look(int(layers))
+        own = results[results["subgoal_layers"] == layers]
+        for _, seed in own.groupby("seed"):
+            ax.plot(
+                seed["period"], seed["success_rate"], color=style.colour, alpha=0.45, linewidth=0.8
+            )
+        plot_success(ax, summary[summary["subgoal_layers"] == layers], legend=False)
+        label_periods(ax, own, most_ticks=6)
+        ax.set_title(_named(int(layers), summary[summary["subgoal_layers"] == layers]), size=10)
+        ax.set_ylabel("")
+    axes[0].set_ylabel("end goals achieved in tests")
+    return figure
+
+
 def save_png(figure: Figure, path: Path) -> None:
     """Writes a figure made by `draw_...`, whatever the file's suffix."""
     figure.savefig(path, format="png", dpi=DOTS_PER_INCH)

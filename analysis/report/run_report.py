@@ -1,4 +1,4 @@
-"""One self-contained page of what a run folder holds: curves, tables, diagnostics, videos.
+"""The page of one run folder: what was learnt, whether hierarchy helped, and how to do it again.
 
 Run as `python -m analysis.report runs/pick_place`.
 """
@@ -12,73 +12,157 @@ from typing import Any
 
 import pandas as pd
 
+from analysis.figures.anatomy import draw_anatomy
+from analysis.figures.costs import draw_costs
 from analysis.figures.diagnostics import draw_diagnostics
-from analysis.figures.success import DOTS_PER_INCH, draw_success
+from analysis.figures.success import DOTS_PER_INCH, draw_seeds, draw_success
 from analysis.reading import names, paper
+from analysis.reading.episodes import load_episodes
 from analysis.reading.files import write_text
 from analysis.reading.results import load, read_manifest
-from analysis.report import page
-from analysis.statistics.seeds import final_success, success_per_period
+from analysis.report.page import Picture, render
+from analysis.statistics.seeds import final_success, success_per_period, with_cost
 from analysis.verdicts import hierarchy
 
-_TABLES = (names.FIGURE, names.FIGURE_NUMBERS, names.RESULTS, names.MANIFEST)
+_FILES = (names.FIGURE, names.FIGURE_NUMBERS, names.RESULTS, names.MANIFEST, names.SUBGOALS)
+_HEADINGS = {
+    "learning": "How it learns",
+    "success": "Success at the last test period",
+    "verdict": "Does hierarchy help here?",
+    "watch": "Watch it",
+    "levels": "What the levels do",
+    "reproduce": "How to reproduce",
+}
+_EXPLAINED = (
+    (
+        "subgoals missed",
+        "The share of the subgoals that a level proposed in training and that the level below did "
+        "not achieve. It should fall: a level learns to ask for what can be done. Random and noisy "
+        "subgoals of exploration count, so that it does not get to 0.",
+    ),
+    (
+        "mean Q value",
+        "What a level's critic expects of its own actor on replayed states: about minus the "
+        "attempts still needed. It rises towards 0 as the level gets faster. A line that lies at "
+        "its floor for many periods means that the critic can no longer tell actions apart.",
+    ),
+    (
+        "level 0, level 1, ...",
+        "Level 0 acts on the world. Each level above proposes subgoals to the one below, and the "
+        "highest pursues the end goal. Means over the n seeds that have the quantity.",
+    ),
+)
+_FEW = 5  # seeds: with fewer, a bootstrap interval is little more than the range
 
 
 def write_report(run_dir: Path) -> Path:
     """Writes report.html into a run folder and returns its path.
 
-    Figures are inside the page; videos, policies and tables are linked by relative paths, so the
-    folder can be moved whole. What the folder lacks is said in its place.
+    Figures are inside the page; videos, replays, policies and tables are linked by relative paths,
+    so the folder can be moved whole. What the folder lacks is said in its place.
 
     Raises:
       FileNotFoundError, ValueError: as `load`; also when the folder mixes tasks.
     """
     run_dir = Path(run_dir)
     results = load(run_dir)
-    summary = success_per_period(results)
-    figure = page.picture(draw_success(summary), "success rate per test period", DOTS_PER_INCH)
+    manifest, problem = read_manifest(run_dir)
     task = results["task"].iloc[0]
-    body = [
-        f"<h1>{page.text(paper.title(task))}</h1>",
-        '<p class="note">Hierarchical actor-critic: end goals achieved in tests, per number of '
-        "subgoal layers. The seed is the unit of every mean and interval.</p>",
-        figure,
-        _files(run_dir, _TABLES),
-        *_final_table(results, task),
-        *_verdict(results),
-        *_diagnostics(results),
-        *_videos(run_dir),
-        *_policies(run_dir),
-        *_reproduction(run_dir, results),
-    ]
-    target = run_dir / names.REPORT
-    document = page.page(f"{paper.title(task)} - hierarchical actor-critic", body)
-    write_text(target, document)
-    return target
-
-
-def _files(run_dir: Path, wanted: Sequence[str]) -> str:
-    present = [page.link(name) for name in wanted if (run_dir / name).is_file()]
-    return f"<p>Files: {', '.join(present)}</p>"
-
-
-def _final_table(results: pd.DataFrame, task: str) -> Iterator[str]:
-    yield "<h2>Success at the last test period</h2>"
-    header = (
-        "agent",
-        "mean success [95% interval]",
-        "seeds",
-        "test period (training episodes)",
-        "training episodes to 80%",
-        "steps to goal",
+    name = paper.title(task)
+    verdict = _verdict(results)
+    document = render(
+        "run.html",
+        title=f"{name} - hierarchical actor-critic",
+        name=name,
+        about=paper.ABOUT.get(task, ""),
+        headline=_headline(results, verdict),
+        headings=_HEADINGS,
+        contents=_HEADINGS.items(),
+        **_pictures(results),
+        final=_final(results, task),
+        verdict=verdict,
+        replays=_below(run_dir, names.REPLAYS, "*.html"),
+        videos=_below(run_dir, names.VIDEOS, "*.mp4"),
+        anatomies=_anatomies(run_dir, task),
+        explained=_EXPLAINED,
+        commands=_recorded_commands(manifest) or [_command_for(results)],
+        problem=problem,
+        files=[file for file in _FILES if (run_dir / file).is_file()],
+        policies=_below(run_dir, names.POLICIES, "*.safetensors"),
+        manifest=list(_leaves(manifest)) if manifest else [],
     )
+    write_text(run_dir / names.REPORT, document)
+    return run_dir / names.REPORT
+
+
+def _headline(results: pd.DataFrame, verdict: Mapping[str, Any]) -> str:
+    """The best agent's success, and what the verdict says, in a sentence or two."""
+    final = final_success(results)
+    best = final.loc[final["mean"].idxmax()]
+    seeds = f"{best['n']:.0f} seed{'' if best['n'] == 1 else 's'}"
+    interval = "" if math.isnan(best["low"]) else f" {_interval(best['low'], best['high'])}"
+    said = (
+        f"After {best['train_episodes']:.0f} training episodes, the agent with "
+        f"{paper.agent_name(int(best['subgoal_layers']))} achieves {best['mean']:.0%} of its end "
+        f"goals in tests{interval} (mean over {seeds})."
+    )
+    short = [f"with {agent} {says}" for agent, says in verdict["short"]]
+    return f"{said} Hierarchy against the flat agent: {', '.join(short)}." if short else said
+
+
+def _pictures(results: pd.DataFrame) -> dict[str, Picture]:
+    summary = success_per_period(results)
+    few = results.groupby("subgoal_layers")["seed"].nunique().max() < _FEW
+    bands = "bands: 95% bootstrap interval over seeds" + (
+        f" (fewer than {_FEW} seeds: little more than their range)" if few else ""
+    )
+    return {
+        "curves": Picture.of(
+            draw_success(summary),
+            "success rate per test period, a curve for each number of subgoal layers",
+            f"Share of end goals achieved in noise-free tests. Lines: mean over seeds; {bands}.",
+            DOTS_PER_INCH,
+        ),
+        "seeds": Picture.of(
+            draw_seeds(results),
+            "success rate per test period, a thin line for each seed and a thick one for the mean",
+            "The same, seed by seed: a mean can hide a seed that never learns or that forgets.",
+            DOTS_PER_INCH,
+        ),
+        "costs": Picture.of(
+            draw_costs(with_cost(summary, results)),
+            "success rate against environment steps, and against core-minutes",
+            "The same against what it cost one seed: environment steps, and minutes of a core.",
+            DOTS_PER_INCH,
+        ),
+        "diagnostics": Picture.of(
+            draw_diagnostics(results),
+            "missed subgoals and Q values per level and test period",
+            "Per test period, a column for each agent and a line for each level.",
+            DOTS_PER_INCH,
+        ),
+    }
+
+
+def _final(results: pd.DataFrame, task: str) -> dict[str, Any]:
     caption = (
         "Episodes to 80%: median over seeds, one that never got there counting as later than any "
         "other. Steps to goal: median over seeds of the mean over successful tests of that period."
     )
     if task in paper.STEPS_TO_GOAL:
         caption += f" The paper's efficient policy takes about {paper.STEPS_TO_GOAL[task]}."
-    yield page.table(header, map(_final_row, final_success(results).itertuples()), caption)
+    return {
+        "heading": (
+            "agent",
+            "mean success [95% interval]",
+            "seeds",
+            "test period (training episodes)",
+            "training episodes to 80%",
+            "steps to goal",
+        ),
+        "rows": [_final_row(agent) for agent in final_success(results).itertuples()],
+        "caption": caption,
+    }
 
 
 def _final_row(agent: Any) -> tuple[str, ...]:
@@ -92,23 +176,6 @@ def _final_row(agent: Any) -> tuple[str, ...]:
     )
 
 
-def _verdict(results: pd.DataFrame) -> Iterator[str]:
-    yield "<h2>Does hierarchy help here?</h2>"
-    try:
-        verdicts = hierarchy.judge(results, {})
-    except ValueError as error:
-        yield f"<p>Not to be told: this folder {page.text(error)}.</p>"
-        return
-    items = "".join(f"<li>{page.text(verdict.sentence)}</li>" for verdict in verdicts)
-    yield f"<ul>{items}</ul>"
-    yield page.table(hierarchy.HEADINGS, hierarchy.rows(verdicts))
-    yield (
-        '<p class="note">Seed by seed. The gain in area at equal environment steps decides; p of '
-        "it, corrected for the number of agents, is in the sentence. Other flat agents can be set "
-        "beside these with <code>python -m analysis.verdict</code>.</p>"
-    )
-
-
 def _interval(low: float, high: float) -> str:
     return "(one seed, no interval)" if math.isnan(low) else f"[{low:.1%}, {high:.1%}]"
 
@@ -117,50 +184,40 @@ def _number(value: float) -> str:
     return "-" if math.isnan(value) else f"{value:.0f}"
 
 
-def _diagnostics(results: pd.DataFrame) -> Iterator[str]:
-    yield "<h2>What the levels do</h2>"
-    yield page.picture(
-        draw_diagnostics(results), "missed subgoals and Q values per level", DOTS_PER_INCH
-    )
-    yield (
-        '<p class="note">Level 0 acts; each level above proposes subgoals to the one below. Means '
-        "over the n seeds that have the quantity, per test period.</p>"
-    )
+def _verdict(results: pd.DataFrame) -> dict[str, Any]:
+    try:
+        verdicts = hierarchy.judge(results, {})
+    except ValueError as error:
+        return {"sentences": [], "lacking": str(error), "short": []}
+    return {
+        "sentences": [verdict.sentence for verdict in verdicts],
+        "short": [(paper.agent_name(one.subgoal_layers), one.says) for one in verdicts],
+        "heading": hierarchy.HEADINGS,
+        "rows": hierarchy.rows(verdicts),
+    }
 
 
-def _videos(run_dir: Path) -> Iterator[str]:
-    yield "<h2>Videos</h2>"
-    found = sorted((run_dir / names.VIDEOS).glob("*.mp4"))
-    if found:
-        yield (
-            '<p class="note">Yellow: end goal. Purple: subgoals of the lowest level. Green: '
-            "subgoals of the level above.</p>"
+def _below(run_dir: Path, folder: str, pattern: str) -> list[str]:
+    """Files of a folder of the run folder, as relative paths."""
+    return sorted(f"{folder}/{path.name}" for path in (run_dir / folder).glob(pattern))
+
+
+def _anatomies(run_dir: Path, task: str) -> list[Picture]:
+    """Recorded episodes drawn; none where none are recorded, or the recording is damaged."""
+    try:
+        episodes = load_episodes(run_dir, task)
+    except (OSError, ValueError):
+        return []
+    return [
+        Picture.of(
+            draw_anatomy(episode),
+            f"one test episode of the agent with {paper.agent_name(episode.subgoal_layers)}",
+            f"One test episode of the agent with {paper.agent_name(episode.subgoal_layers)}: its "
+            "path, what its levels asked for over time, and what came of it.",
+            DOTS_PER_INCH // 2,
         )
-        players = [page.video(f"{names.VIDEOS}/{path.name}") for path in found]
-        yield f'<div class="videos">{"".join(players)}</div>'
-    else:
-        yield "<p>This run folder holds no videos.</p>"
-
-
-def _policies(run_dir: Path) -> Iterator[str]:
-    found = sorted((run_dir / names.POLICIES).glob("*.safetensors"))
-    if found:
-        links = [page.link(f"{names.POLICIES}/{path.name}") for path in found]
-        items = "".join(f"<li>{link}</li>" for link in links)
-        yield f"<details><summary>{len(found)} policies</summary><ul>{items}</ul></details>"
-
-
-def _reproduction(run_dir: Path, results: pd.DataFrame) -> Iterator[str]:
-    yield "<h2>How to reproduce</h2>"
-    manifest, problem = read_manifest(run_dir)
-    commands = _recorded_commands(manifest) or [_command_for(results)]
-    yield f"<pre>{page.text(chr(10).join(commands))}</pre>"
-    if problem:
-        yield f'<p class="note">{page.text(problem)}</p>'
-    else:
-        yield "<details><summary>Configuration, versions, machine (manifest.json)</summary>"
-        yield page.table(("entry", "value"), _leaves(manifest))
-        yield "</details>"
+        for episode in sorted(episodes, key=lambda episode: episode.subgoal_layers)
+    ]
 
 
 def _recorded_commands(manifest: Mapping[str, Any]) -> list[str]:
@@ -190,6 +247,7 @@ def _command_for(results: pd.DataFrame) -> str:
 
 def _leaves(tree: Any, path: str = "") -> Iterator[tuple[str, str]]:
     """Leaves of nested dictionaries and lists of them, each under its dotted path."""
+    items: Sequence[tuple[Any, Any]]
     if isinstance(tree, dict):
         items = list(tree.items())
     elif isinstance(tree, list) and any(isinstance(item, dict) for item in tree):

@@ -8,6 +8,7 @@ import numpy as np
 import pandas as pd
 from scipy import stats
 
+from analysis.reading import paper
 from analysis.statistics import areas, comparison
 from analysis.statistics.seeds import bootstrap
 from analysis.verdicts import evidence
@@ -53,7 +54,7 @@ class Verdict:
     @property
     def sentence(self) -> str:
         """As in "1 subgoal layer: it helps. +31.2 [+25.0, +37.1] points of area ..."."""
-        name = f"{self.subgoal_layers} subgoal layer{'' if self.subgoal_layers == 1 else 's'}"
+        name = paper.agent_name(self.subgoal_layers)
         pairs = self.deciding.seeds[0]
         text = (
             f"{name}: {self.says}. {self.deciding.shown} of area under the success curve against "
@@ -108,10 +109,10 @@ def rows(verdicts: Sequence[Verdict]) -> list[tuple[str, str, int, str, str]]:
 
 
 def _nothing(layers: Sequence[int]) -> str:
-    has = " and ".join(str(number) for number in layers)
+    has = " and ".join(map(paper.agent_name, layers))
     wanted = "an agent without subgoal layers" if layers[0] else "agents with subgoal layers"
     return (
-        f"holds results of {has} subgoal layers only: the verdict compares hierarchies with a flat "
+        f"holds results of {has} only: the verdict compares hierarchies with a flat "
         f"agent; train {wanted} on the same task as well"
     )
 

@@ -10,6 +10,7 @@ from rich.console import Console
 import hac_suite
 from analysis.figures.success import write_figure
 from analysis.reading.schema import KEY
+from analysis.report.index import write_index
 from launch.folder import manifest, results
 from launch.folder.agents import Job
 from launch.folder.layout import RunFolder
@@ -45,6 +46,7 @@ class Recorder:
         self._drawn = dict.fromkeys(folders, -_SECONDS_BETWEEN_FIGURES)  # long ago
         self._outdated: set[str] = set()  # tasks whose figure lacks rows
         self._periods: dict[Job, int] = {}  # the last that each job tested
+        self._at_work = {folder.path.name for folder in self.folders.values()}
         self._recorded: set[tuple] = set()  # keys of the rows that this launch's runs have
 
     def prepare(
@@ -115,6 +117,7 @@ class Recorder:
 
     def close(self, *, stopped: bool) -> None:
         """Draws the final figures; notes when the launch finished, if it was not stopped."""
+        self._at_work = set()
         for task, folder in self.folders.items():
             self._draw(task)
             if task in self._scalars:
@@ -187,6 +190,7 @@ class Recorder:
         folder = self.folders[task]
         try:
             write_figure(folder.path)
+            write_index(folder.path.parent, self._at_work)
         except Exception as error:
             self._console.print(
                 f"warning: {folder.figure} was not refreshed: {error}", soft_wrap=True

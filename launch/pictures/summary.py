@@ -1,5 +1,6 @@
 """What a launch leaves to look at once training is over: videos, the report, a summary."""
 
+import contextlib
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
@@ -9,6 +10,7 @@ from rich.table import Table
 import tasks
 from analysis.program import CommandError
 from analysis.reading.results import load
+from analysis.report.index import write_index
 from analysis.report.run_report import write_report
 from analysis.statistics.seeds import final_success
 from launch.asking.request import Request
@@ -23,6 +25,7 @@ def present(
     folders: Iterable[RunFolder], request: Request, console: Console, stop: StopSignal
 ) -> None:
     """Renders the videos that are missing or older than their policies, and writes the reports."""
+    folders = list(folders)
     for folder in folders:
         for layers in request.subgoal_layers:
             if request.video and stop.number is None:
@@ -31,6 +34,9 @@ def present(
             write_report(folder.path)
         except Exception as error:  # the runs themselves are whole
             console.print(f"warning: {folder.report} was not written: {error}", soft_wrap=True)
+    for runs in {folder.path.parent for folder in folders}:
+        with contextlib.suppress(ValueError, OSError):  # a page of links; the reports are there
+            write_index(runs)
 
 
 def summarise(folder: RunFolder, console: Console) -> None:

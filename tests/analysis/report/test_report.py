@@ -4,11 +4,13 @@ import base64
 import html
 import json
 import re
+import shutil
 from html.parser import HTMLParser
 from pathlib import Path
 
 import pytest
 
+from analysis.reading import grid
 from analysis.report.__main__ import main
 from analysis.report.run_report import write_report
 
@@ -51,7 +53,7 @@ def test_figures_are_inside_the_page_and_nothing_is_fetched(make_run):
     path = write_report(make_run(CURVES))
     page = Page(path)
     sources = page.values("img", "src")
-    assert len(sources) == 2
+    assert len(sources) == 4
     for source in sources:
         kind, data = source.split(",", 1)
         assert kind == "data:image/png;base64"
@@ -104,7 +106,7 @@ def _manifest(*commands: list[str]) -> dict:
 
 
 def _commands(path: Path) -> list[str]:
-    (block,) = re.findall(r"<pre>(.*?)</pre>", path.read_text(encoding="utf-8"), re.DOTALL)
+    (block,) = re.findall(r"<pre[^>]*>(.*?)</pre>", path.read_text(encoding="utf-8"), re.DOTALL)
     return html.unescape(block).splitlines()
 
 
@@ -164,3 +166,70 @@ def test_command_line(make_run, capsys, tmp_path):
     assert capsys.readouterr().out.strip() == str(folder / "report.html")
     assert main(["", str(tmp_path / "nothing")]) == 2
     assert "no results.csv here" in capsys.readouterr().err
+
+
+def test_everything_can_be_read_without_eyes_or_a_mouse(make_run):
+    folder = make_run(CURVES)
+    for name in ("videos/pick_place_1layers.mp4", "replays/pick_place_1layers.html"):
+        (folder / name).parent.mkdir()
+        (folder / name).touch()
+    page = Page(write_report(folder))
+    assert all(page.values("img", "alt")) and len(page.values("img", "alt")) == 4
+    assert page.values("video", "aria-label") == ["video: pick_place_1layers"]
+    assert [tag for tag, _ in page.tags].count("h1") == 1
+    assert set(page.values("th", "scope")) == {"col"}
+    assert page.values("html", "lang") == ["en"]
+    # What scrolls sideways can be reached by the keyboard, and says what it is.
+    regions = [attrs for tag, attrs in page.tags if attrs.get("class") == "scroll"]
+    assert all(attrs["tabindex"] == "0" and attrs["aria-label"] for attrs in regions)
+    anchors = {link for link in page.values("a", "href") if link.startswith("#")}
+    assert {f"#{name}" for name in page.values("section", "id")} == anchors
+    assert "replays/pick_place_1layers.html" in page.values("a", "href")
+
+
+def _luminance(colour: str) -> float:
+    parts = [int(colour[i : i + 2], 16) / 255 for i in (1, 3, 5)]
+    linear = [c / 12.92 if c <= 0.03928 else ((c + 0.055) / 1.055) ** 2.4 for c in parts]
+    return 0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2]
+
+
+def test_text_stands_out_from_its_ground_in_both_schemes(make_run):
+    """WCAG 2 AA: 4.5 to 1."""
+    style = write_report(make_run(CURVES)).read_text(encoding="utf-8")
+    light, dark = (
+        dict(re.findall(r"--(\w+): (#[0-9a-f]{6})", block))
+        for block in re.findall(r":root \{(.*?)\}", style, re.DOTALL)
+    )
+    for colours in (light, dark):
+        for text in ("text", "quiet", "link", "good", "bad"):
+            for ground in ("page", "panel"):
+                pair = sorted(_luminance(colours[name]) for name in (text, ground))
+                assert (pair[1] + 0.05) / (pair[0] + 0.05) >= 4.5, (text, ground)
+
+
+def test_the_verdict_and_the_best_agent_are_in_the_first_lines(make_run):
+    curves = {0: [[0.0, 0.1, 0.2]] * 6, 1: [[0.0, 0.8, 0.9]] * 6}
+    text = " ".join(Page(write_report(make_run(curves))).text.split())
+    assert "After 600 training episodes, the agent with 1 subgoal layer achieves 90%" in text
+    assert "Hierarchy against the flat agent: with 1 subgoal layer it helps." in text
+    alone = make_run({1: [[0.0, 0.5]]}, task="ur5_reacher")
+    text = " ".join(Page(write_report(alone)).text.split())
+    assert "Not to be told: this folder holds results of 1 subgoal layer only" in text
+
+
+def test_few_seeds_are_flagged(make_run):
+    few = Page(write_report(make_run({1: [[0.0, 0.5]] * 4}))).text
+    assert "fewer than 5 seeds: little more than their range" in few
+    enough = Page(write_report(make_run({1: [[0.0, 0.5]] * 5}, task="ur5_reacher"))).text
+    assert "fewer than" not in enough
+
+
+def test_recorded_episodes_are_drawn(make_run):
+    published = grid.FOLDER / "pick_place"
+    folder = make_run(CURVES)
+    shutil.copy(published / "anatomy.json", folder)
+    pictures = Page(write_report(folder)).values("img", "alt")
+    assert pictures[3:-1] == [f"one test episode of the agent with {k} subgoal layer{s}"
+                            for k, s in ((0, "s"), (1, ""), (2, "s"))]  # fmt: skip
+    (folder / "anatomy.json").write_text("{")
+    assert len(Page(write_report(folder)).values("img", "alt")) == 4
