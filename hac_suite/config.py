@@ -93,6 +93,9 @@ class LearnerConfig(_Part):
     discount: float = 0.98  # R18, R20
     batch_size: int = 256  # ours; R18, R20 1024
     updates_per_episode: int = 20  # per level, ours; R18, R20 40
+    # Above level 0, ours: a level there sees a T_0-th of the transitions, and fewer the higher it
+    # is. 0: as many as level 0, as in R18 and R20.
+    upper_updates_per_episode: int = 0
     learning_rate: float = 1e-3  # Adam, actor and critic; R18, R20
     hidden_sizes: tuple[int, ...] = (64, 64, 64)  # R18, R20
     replay_capacity: int = 300_000  # transitions per level and seed; ours
@@ -117,6 +120,7 @@ class LearnerConfig(_Part):
     def _check_learner(self) -> None:
         self._require_shares("discount", "target_rate", "tested_actor_rate")
         self._require_amounts("saturation_penalty", "target_noise", "target_noise_clip")
+        self._require_amounts("upper_updates_per_episode")
         self._require_counts("batch_size", "updates_per_episode", "replay_capacity", "policy_delay")
         self._require("learning_rate", 0 < self.learning_rate < math.inf, "above zero")
         self._require("initial_q", -1 < self.initial_q < 0, "between -1 and 0")
@@ -144,6 +148,11 @@ class Config(LearnerConfig, ScheduleConfig, HierarchyConfig):
         self._check_hierarchy()
         self._check_schedule()
         self._check_learner()
+
+
+def updates_of_level(config: LearnerConfig, level: int) -> int:
+    """How many updates a level has for each training episode."""
+    return (level and config.upper_updates_per_episode) or config.updates_per_episode
 
 
 PAPER = Config()
@@ -186,6 +195,7 @@ def completed(fields: Mapping[str, Any]) -> dict[str, Any]:
 
 
 _BEFORE: dict[str, Any] = {
+    "upper_updates_per_episode": 0,
     "critic_floor": "attempts",
     "learner": "ddpg",
     # What ddpg does not read.

@@ -1,5 +1,6 @@
 """Agents of many seeds that learn side by side: their learners, replay buffers and streams."""
 
+import dataclasses
 import itertools
 from collections.abc import Sequence
 
@@ -9,7 +10,7 @@ import torch
 from hac_suite.algorithm import exploration, transitions
 from hac_suite.algorithm.exploration import Purpose
 from hac_suite.algorithm.record import Round
-from hac_suite.config import Config
+from hac_suite.config import Config, updates_of_level
 from hac_suite.learning import learners
 from hac_suite.learning.cuda_graph import CapturedRound
 from hac_suite.learning.learner import Learner
@@ -46,7 +47,7 @@ class Population:
         if not (on_cpu or make.on_gpu):
             raise ValueError(f"the learner {config.learner} learns on CPUs only, not on {device}.")
         self.learners: list[Learner] = [
-            make(spec, config, self._torch_streams(level), device)
+            make(spec, _of_level(config, level), self._torch_streams(level), device)
             for level, spec in enumerate(self.levels)
         ]
         self.replays = [
@@ -108,11 +109,15 @@ class Population:
     def learn(self) -> None:
         """A round of updates on every level."""
         config = self.config
-        updates = config.updates_per_episode * config.episodes_per_round
+        levels = enumerate(zip(self.replays, self._replay_streams, strict=True))
         self._round(
             [
-                replay.sample_indices(streams, updates, config.batch_size)
-                for replay, streams in zip(self.replays, self._replay_streams, strict=True)
+                replay.sample_indices(
+                    streams,
+                    updates_of_level(config, level) * config.episodes_per_round,
+                    config.batch_size,
+                )
+                for level, (replay, streams) in levels
             ]
         )
 
@@ -191,6 +196,12 @@ class Population:
         streams = state.numbers["replay_streams"]
         for own, saved in zip(self._replay_streams, streams, strict=True):
             own[index].bit_generator.state = saved
+
+
+def _of_level(config: Config, level: int) -> Config:
+    """The config of a level's learner: its tested actor averages over as many episodes."""
+    share = config.updates_per_episode / updates_of_level(config, level)
+    return dataclasses.replace(config, tested_actor_rate=min(1.0, config.tested_actor_rate * share))
 
 
 def _torch_stream(seed: int, purpose: Purpose, level: int) -> torch.Generator:

@@ -9,6 +9,8 @@ import torch
 import hac_suite
 from analysis.reading import schema
 from hac_suite.config import PAPER, PRESETS, Config, LearnerConfig
+from hac_suite.training import loop
+from hac_suite.training.callback import Callback
 from tests.hac_suite.tiny_envs import PointEnv
 
 # A training of a second that exercises everything: subgoal tests, end goals achieved, attempts and
@@ -48,6 +50,7 @@ CHANGES = {
     "discount": 0.9,
     "batch_size": 8,
     "updates_per_episode": 3,
+    "upper_updates_per_episode": 1,
     "learning_rate": 1e-3,
     "hidden_sizes": (16, 8),
     "replay_capacity": 200,
@@ -200,3 +203,14 @@ def test_presets_train(name):
     assert len(rows) == 4
     assert not same_weights(weights[:2], weights[2:])
     assert all(torch.isfinite(w).all() for networks in weights for w in networks)
+
+
+def test_upper_levels_have_the_updates_that_they_are_given():
+    config = dataclasses.replace(TINY, updates_per_episode=4, upper_updates_per_episode=1)
+    training = loop.Training(
+        lambda num_envs: PointEnv(num_envs, max_steps=17), config, (4,), (2, 1, 2), "cpu"
+    )
+    with torch.no_grad():
+        list(training.run(1, Callback()))
+    population = training.population
+    assert [population.updates(0, level) for level in range(3)] == [4 * 24, 24, 24]
