@@ -49,7 +49,7 @@ def commands() -> list[str]:
     """What trains the study's runs, a line for each task, and what compares them then."""
     trainings = [
         f"python launch/run.py --task=tasks/families/depth.py:{motion}_{decisions} --seeds={SEEDS} "
-        f"--periods={PERIODS} --config=launch/configs/candidate.py --out={RUNS} --novideo"
+        f"--periods={PERIODS} --out={RUNS} --novideo"
         for motion, steps in STUDY.items()
         for decisions in steps
     ]

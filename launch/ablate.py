@@ -74,7 +74,7 @@ def main(argv: Sequence[str], *, run: Run = experiment.run) -> int:
 
     def train() -> int:
         values = _flags()
-        asked = request.read(values, argv)
+        asked = request.read(values, argv, request.CONFIGS / "paper.py")
         return _train(asked, _named(values.variants), argv, run)
 
     return program.answer(train, _help_text)

@@ -20,7 +20,7 @@ from hac_suite.learning.learner import Learner
 from launch.asking import lists, settings
 
 CONFIGS = Path(__file__).parents[1] / "configs"
-DEFAULT_CONFIG = CONFIGS / "paper.py"
+DEFAULT_CONFIG = CONFIGS / "suite.py"
 
 _HELP = """Trains hierarchical actor-critic; leaves curves, policies and videos in a folder a task.
 
@@ -28,7 +28,7 @@ _HELP = """Trains hierarchical actor-critic; leaves curves, policies and videos 
 
 Flags:
 {flags}
-  --config=launch/configs/paper.py    a file of hyperparameters to start from
+  --config=launch/configs/suite.py    a file of hyperparameters to start from
 
 Keys for --config.KEY=VALUE, as hac_suite/config.py explains them:
 {keys}
@@ -67,13 +67,17 @@ def parse(argv: Sequence[str]) -> Request:
     return read(define_flags(), argv)
 
 
-def read(values: flags.FlagValues, argv: Sequence[str]) -> Request:
-    """As `parse`, for a program that has flags beside those of `define_flags`."""
+def read(values: flags.FlagValues, argv: Sequence[str], config: Path = DEFAULT_CONFIG) -> Request:
+    """As `parse`, for a program that has flags beside those of `define_flags`.
+
+    Args:
+      config: the file of hyperparameters that is read where none is given.
+    """
     _check_config_words(argv)
     try:
         with warnings.catch_warnings(action="ignore", category=DeprecationWarning):
             config_flags.DEFINE_config_file(
-                "config", str(DEFAULT_CONFIG), "hyperparameters", values, sys_argv=list(argv)
+                "config", str(config), "hyperparameters", values, sys_argv=list(argv)
             )
             program.parse(values, argv)
         settings_given = values.config
@@ -91,8 +95,8 @@ def help_text() -> str:
 
 def config_keys() -> str:
     """A line for each key of --config.KEY: its default."""
-    paper = settings.from_preset("paper")
-    return "\n".join(f"  {name:<28}{paper[name]}" for name in settings.field_names())
+    default = settings.from_preset("suite")
+    return "\n".join(f"  {name:<28}{default[name]}" for name in settings.field_names())
 
 
 def define_flags() -> flags.FlagValues:

@@ -157,7 +157,18 @@ def test_what_governs_tests_does_not_touch_learning(field, unchanged):
 
 
 SOURCES = {
+    "suite": {  # what was tuned
+        "hindsight_relabels": "future",
+        "hindsight_goals": 2,
+        "critic_floor": "returns",
+        "test_draw": "each_level",
+        "subgoal_noise": 0.03,
+        "random_subgoal_rate": 0.1,
+        "learning_rate": 0.002,
+        "replay_capacity": 100_000,
+    },
     "paper": {
+        "hindsight_goals": 3,
         "subgoal_test_rate": 0.3,
         "test_draw": "top",
         "tested_subgoal_noise_free": True,
@@ -192,7 +203,8 @@ SOURCES = {
 def test_presets_are_what_their_sources_say(name):
     values = dataclasses.asdict(PRESETS[name])
     assert values | SOURCES[name] == values
-    assert values["random_action_rate"] == 0.2 and values["hindsight_goals"] == 3
+    assert values["random_action_rate"] == 0.2
+    assert name == "suite" or values["hindsight_goals"] == 3
 
 
 @pytest.mark.parametrize("name", PRESETS)

@@ -55,6 +55,7 @@ def test_a_variant_changes_the_config_that_was_typed(runs):
     words = ["", "--variants=release_2018,no_hindsight_goals", "--config.batch_size=32"]
     assert ablate.main(words, run=runs) == 1
     assert [request.config.batch_size for request in runs.requests] == [32, 32]
+    assert {request.config.learning_rate for request in runs.requests} == {1e-3}  # the paper's
     assert [request.config.hindsight_goals for request in runs.requests] == [3, 0]
 
 

@@ -23,7 +23,7 @@ def test_defaults_are_the_main_job():
     assert request.seeds == tuple(range(10))
     assert (request.periods, request.workers, request.video) == (10, 0, True)
     assert str(request.out) == "runs"
-    assert request.config == hac_suite.PRESETS["paper"]
+    assert request.config == hac_suite.PRESETS["suite"]
 
 
 def test_flags_reach_the_request():
@@ -54,7 +54,7 @@ def test_overrides_change_one_field_each():
     ).config  # fmt: skip
     assert (config.batch_size, config.discount, config.bounded_critic) == (32, 1.0, False)
     assert (config.test_draw, config.hidden_sizes) == ("each_level", (8, 9))
-    assert config.learning_rate == hac_suite.PRESETS["paper"].learning_rate
+    assert config.learning_rate == hac_suite.PRESETS["suite"].learning_rate
 
 
 def test_a_learner_and_its_keys_are_flags():
@@ -101,8 +101,8 @@ def test_a_learner_and_its_keys_are_flags():
         ("--executor=rai", "--executor=rai: value should be one of <local|ray>"),
         ("--device=gpu", "--device=gpu: value should be one of <cpu|cuda|auto>"),
         ("pick_place", "unexpected word 'pick_place'"),
-        ("--config=nope.py", "no config file 'nope.py'; there are launch/configs/candidate.py"),
-        ("--config nope.py", "no config file 'nope.py'; there are launch/configs/candidate.py"),
+        ("--config=nope.py", "no config file 'nope.py'; there are launch/configs/paper.py"),
+        ("--config nope.py", "no config file 'nope.py'; there are launch/configs/paper.py"),
         ("--config", "--config: it takes a file"),
         ("--config=", "no config file ''"),
         ("--config.batch_sze=3", "unknown config key 'batch_sze': did you mean 'batch_size'?"),
