@@ -6,6 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 import torch
 
+from hac_suite import values
 from hac_suite.algorithm import exploration, transitions
 from hac_suite.algorithm.exploration import Purpose
 from hac_suite.algorithm.record import Round
@@ -85,9 +86,10 @@ class Population:
         return [as_actor(n.on_cpu(), spec) for n, spec in zip(networks, self.levels, strict=True)]
 
     def policies(self) -> list[Policy]:
-        """A copy of each seed's agent, as tested."""
-        networks = self.tested_networks()
-        return [Policy.of_seed(networks, i, self.horizons) for i in range(len(self.seeds))]
+        """A copy of each seed's agent, as tested, and of the critics that it learnt from."""
+        networks, critics = self.tested_networks(), values.critics(self.learners)
+        seeds = range(len(self.seeds))
+        return [Policy.of_seed(networks, i, self.horizons, critics) for i in seeds]
 
     def draw_round(self, steps: int) -> exploration.Draws:
         return exploration.draw_round(self._explore, self.levels, self.config, steps)
