@@ -36,7 +36,7 @@ ROOMS = {
     "launch/jobs": {"asking", "folder"},
     "launch/tuning": {"asking", "folder", "jobs"},
     "launch/pictures": {"asking", "folder", "jobs"},
-    "launch/viewing": {"asking", "folder", "pictures"},
+    "launch/viewing": {"asking", "folder", "jobs", "pictures"},
     "tasks/families": {".", "robots"},
     "tasks/robots": {"."},
 }
@@ -53,6 +53,8 @@ EXCEPTIONS = {
     "tasks/to_gymnasium.py": {"gymnasium"},
     "launch/jobs/on_ray.py": {"ray"},
     "launch/pictures/stage.py": {"mujoco"},  # bodies as they are compiled
+    "launch/viewing/live.py": {"glfw"},  # asked whether there is a display
+    "launch/viewing/window.py": {"mujoco"},
     "launch/tuning/study.py": {"optuna"},
     "launch/tuning/worker.py": {"optuna"},
     "analysis/tuning.py": {"optuna"},

@@ -12,6 +12,7 @@ WRITTEN_WHOLE = (RESULTS, MANIFEST, FIGURE, FIGURE_NUMBERS, REPORT, SUBGOALS, AN
 
 POLICIES = "policies"  # folders
 VIDEOS = "videos"
+REPLAYS = "replays"
 FAILURES = "failures"
 CHECKPOINTS = "checkpoints"
 TENSORBOARD = "tensorboard"

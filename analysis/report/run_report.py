@@ -121,6 +121,10 @@ def _videos(run_dir: Path) -> Iterator[str]:
         yield f'<div class="videos">{"".join(players)}</div>'
     else:
         yield "<p>This run folder holds no videos.</p>"
+    replays = sorted((run_dir / names.REPLAYS).glob("*.html"))
+    if replays:
+        links = [page.link(f"{names.REPLAYS}/{path.name}") for path in replays]
+        yield f"<p>An episode in 3-D, to turn and to scrub: {', '.join(links)}</p>"
 
 
 def _policies(run_dir: Path) -> Iterator[str]:

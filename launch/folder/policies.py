@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from analysis.program import CommandError
-from analysis.reading import paper
+from analysis.reading import names, paper
 
 PUBLISHED = Path(__file__).resolve().parents[2] / "assets" / "policies"
 """The best seed of each task and agent of the published grid."""
@@ -77,6 +77,25 @@ def best(own: Sequence[Found]) -> Found:
 def published(task: str) -> list[Found]:
     """The published policies of a task, by agent."""
     return [policy for policy in find(PUBLISHED) if policy.task == task]
+
+
+def of_task(task: str, run: Path | None, *, typed: bool) -> tuple[list[Found], Path]:
+    """A task's policies and where they are: of a run folder, else the published ones.
+
+    Args:
+      run: the run folder; None: runs/TASK, and where that holds none the published policies.
+      typed: whether the person named the task, and not the run folder alone.
+
+    Raises:
+      CommandError: the run folder holds policies of another task.
+    """
+    where = Path("runs", task) if run is None else run
+    found = find(where / names.POLICIES)
+    if run is None and not found and (of_grid := published(task)):
+        return of_grid, PUBLISHED
+    if found and (run is None or typed) and found[0].task != task:
+        raise CommandError(f"flag --task={task}: {where} holds policies of {found[0].task}")
+    return found, where
 
 
 def choose(

@@ -6,7 +6,7 @@ viser is an extra; `load` is the only place that imports it.
 import contextlib
 import importlib
 import io
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from types import ModuleType
 from typing import Any
 
@@ -56,7 +56,7 @@ def private(host: str, port: int) -> Any:
 
     with _quiet():
         server = Private(host=host, port=port, verbose=False)
-    server.gui.configure_theme(show_logo=False, show_share_button=False, dark_mode=False)
+    server.gui.configure_theme(show_logo=False, show_share_button=False, control_width="large")
     return server
 
 
@@ -95,8 +95,10 @@ class Scene:
             np.full_like(poses.quaternion, np.nan),
             np.ones_like(poses.seen),
         )
-        for index, shape in enumerate(stage.shapes):
-            self._draw_shape(f"{self._frames[shape.body].name}/{index}", shape)
+        self._meshes = [
+            (shape.body, self._draw_shape(f"{self._frames[shape.body].name}/{index}", shape))
+            for index, shape in enumerate(stage.shapes)
+        ]
 
     def draw(self, poses: Poses) -> None:
         """Moves the bodies to where they are, as far as they have moved."""
@@ -143,10 +145,16 @@ class Scene:
             shadow_opacity=0.3,
         )
 
-    def _draw_shape(self, name: str, shape: Shape) -> None:
+    def on_drag(self, bodies: Sequence[int], call: Callable[[Any], Any]) -> None:
+        """Calls `call` with viser's events when a person drags one of these bodies."""
+        for body, mesh in self._meshes:
+            if body in bodies:
+                mesh.on_drag(call)
+
+    def _draw_shape(self, name: str, shape: Shape) -> Any:
         colour = _rgb(shape.rgba)
         marker = shape.body in self._markers
-        self._scene.add_mesh_simple(
+        mesh = self._scene.add_mesh_simple(
             name,
             shape.vertices,
             shape.faces,
@@ -165,6 +173,7 @@ class Scene:
                 thickness=_EDGE_WIDTH,
                 thickness_units="screen",
             )
+        return mesh
 
 
 def _rgb(rgba: Sequence[float], times: float = 1.0) -> tuple[int, ...]:

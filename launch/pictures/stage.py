@@ -85,6 +85,13 @@ class Stage:
         """The bodies' names, the world's first."""
         return [self._model.body(body).name or f"body{body}" for body in range(self._model.nbody)]
 
+    def colour(self, bodies: Sequence[int]) -> str | None:
+        """The colour of the first of these bodies that has a shape, as #rrggbb."""
+        for shape in self.shapes:
+            if shape.body in bodies:
+                return "#" + "".join(f"{round(255 * part):02x}" for part in shape.rgba[:3])
+        return None
+
     def _marked_by_level(self) -> list[list[int]]:
         """Bodies that come to sight with each level's subgoal: tasks name markers as they like."""
         space = self._env.subgoal_space

@@ -7,6 +7,7 @@ import numpy as np
 
 import hac_suite
 from hac_suite.algorithm.hierarchy import Hierarchy
+from hac_suite.algorithm.record import BY_EPISODE
 from hac_suite.types import level_specs
 from launch.asking import settings
 from launch.pictures.stage import Watched
@@ -19,14 +20,11 @@ class Ended(NamedTuple):
     step: int
     level: int  # that proposed it
     outcome: hac_suite.Outcome
-    cut_by: int  # the level whose goal cut it short; -1: the end of the episode
+    why: str  # it was cut short; "" where it was not
 
     def __str__(self) -> str:
         said = f"level {self.level}'s subgoal: {WORDS[self.outcome]}"
-        if self.outcome != hac_suite.Outcome.CUT_SHORT:
-            return said
-        by = "the episode ended" if self.cut_by < 0 else f"level {self.cut_by}'s goal was achieved"
-        return f"{said} ({by})"
+        return f"{said} ({self.why})" if self.why else said
 
 
 class Standing(NamedTuple):
@@ -100,11 +98,21 @@ class Episode:
         self._show()
 
     def _ends(self, seen: hac_suite.StepView) -> list[Ended]:
-        return [
-            Ended(self.step, level, hac_suite.Outcome(int(outcome[0])), int(by[0]))
-            for level, (outcome, by) in enumerate(zip(seen.outcomes, seen.cut_by, strict=True), 1)
-            if outcome[0] != hac_suite.Outcome.OPEN
-        ]
+        found = []
+        for level, (outcomes, cut_by) in enumerate(zip(seen.outcomes, seen.cut_by, strict=True), 1):
+            outcome = hac_suite.Outcome(int(outcomes[0]))
+            if outcome != hac_suite.Outcome.OPEN:
+                cut = outcome == hac_suite.Outcome.CUT_SHORT
+                why = self._by_what(int(cut_by[0])) if cut else ""
+                found.append(Ended(self.step, level, outcome, why))
+        return found
+
+    def _by_what(self, level: int) -> str:
+        if level == BY_EPISODE:
+            return "the episode ended"
+        top = level == len(self._policy.horizons) - 1
+        goal = "the end goal" if top else f"level {level + 1}'s subgoal"
+        return f"{goal} was achieved"
 
     def move_goal(self, goal: Sequence[float] | np.ndarray) -> None:
         """Asks for another end goal [G], within its bounds: a new episode from where things are."""
