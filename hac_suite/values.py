@@ -13,7 +13,7 @@ from hac_suite.policy import Policy
 from hac_suite.types import LevelSpec
 
 
-def critics(learners: Sequence[Learner]) -> list[StackedMLP]:
+def critics_of(learners: Sequence[Learner]) -> list[StackedMLP]:
     """The networks whose Q the levels' actors ascend; none, if a level has another kind of critic.
 
     TD3's actor follows the first of its two.

@@ -19,7 +19,7 @@ from analysis.program import CommandError
 from launch.asking import lists
 from launch.folder import policies
 from launch.pictures import replay, video
-from launch.viewing import live
+from launch.viewing import live, serving
 
 _SUFFIXES = (".mp4", ".png", ".html")
 _HELP = """Renders test episodes of a trained policy into a file, or plays them live with --viewer.
@@ -108,6 +108,8 @@ def _output(values: flags.FlagValues) -> Path:
     output = Path(values.output)
     if output.suffix not in _SUFFIXES:
         raise CommandError(f"flag --output={output}: its name ends in .mp4, .png or .html")
+    if output.suffix == ".html":
+        serving.check()
     return output
 
 

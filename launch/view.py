@@ -14,7 +14,6 @@ if __name__ == "__main__":
     start.for_training()
 
 from analysis import program
-from analysis.program import CommandError
 from launch.asking import lists
 from launch.folder import policies
 from launch.jobs.local import StopSignal
@@ -73,7 +72,7 @@ def _flags() -> flags.FlagValues:
     flags.DEFINE_string(
         "host",
         serving.LOOPBACK,
-        "the address to listen at; another than this one lets other machines in, without a password",
+        "where to listen; any other address lets other machines in, and no password is asked for",
         values,
     )
     program.define_count(

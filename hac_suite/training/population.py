@@ -6,7 +6,6 @@ from collections.abc import Sequence
 import numpy as np
 import torch
 
-from hac_suite import values
 from hac_suite.algorithm import exploration, transitions
 from hac_suite.algorithm.exploration import Purpose
 from hac_suite.algorithm.record import Round
@@ -19,6 +18,7 @@ from hac_suite.learning.replay import Replay, RowLayout
 from hac_suite.policy import Policy, as_actor
 from hac_suite.state import SeedState, copy_into
 from hac_suite.types import Actor, LevelSpec, VectorEnv, level_specs
+from hac_suite.values import critics_of
 
 _SEEDS_AT_A_TIME = 5
 
@@ -87,7 +87,7 @@ class Population:
 
     def policies(self) -> list[Policy]:
         """A copy of each seed's agent, as tested, and of the critics that it learnt from."""
-        networks, critics = self.tested_networks(), values.critics(self.learners)
+        networks, critics = self.tested_networks(), critics_of(self.learners)
         seeds = range(len(self.seeds))
         return [Policy.of_seed(networks, i, self.horizons, critics) for i in seeds]
 

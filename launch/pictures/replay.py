@@ -182,6 +182,8 @@ def render(policies: Sequence[Path], output: Path) -> None:
         write(course, output)
     except scene.ViewerMissing as error:
         raise RenderingError(str(error)) from error
-    except (CommandError, KeyError, OSError, TypeError, ValueError) as error:
+    except OSError as error:
+        raise RenderingError(str(error)) from error
+    except (CommandError, KeyError, TypeError, ValueError) as error:
         what = f"lacks the entry {error}" if isinstance(error, KeyError) else str(error)
-        raise RenderingError(f"policy: {what}" if not isinstance(error, OSError) else what) from error
+        raise RenderingError(f"policy: {what}") from error

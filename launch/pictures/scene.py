@@ -46,7 +46,7 @@ def load() -> ModuleType:
 
 def private(host: str, port: int) -> Any:
     """A viser server that answers on `host` alone, and hands nothing on to the internet."""
-    viser = load()
+    viser: Any = load()
 
     class Private(viser.ViserServer):
         """viser can publish a page through a server of its makers'; not this one."""

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from launch.folder import policies
 from launch.jobs.local import StopSignal
-from launch.viewing import serving, window
+from launch.viewing import serving
 
 VIEWERS = ("auto", "window", "page")
 
@@ -29,6 +29,8 @@ def play(found: Sequence[policies.Found], word: str, viewer: str) -> int:
     """
     with StopSignal(_QUIET) as stop:
         if viewer == "window" or (viewer == "auto" and has_display()):
+            from launch.viewing import window  # it loads GLFW
+
             window.play(found[0], word, stop)
         else:
             serving.check()

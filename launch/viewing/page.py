@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 import hac_suite
+import tasks
 from analysis.program import CommandError
 from analysis.reading import paper
 from launch.folder import policies
@@ -32,7 +33,7 @@ class Page:
         self,
         server: Any,
         env: Watched,
-        title: str,
+        spec: tasks.TaskSpec,
         found: Sequence[policies.Found],
         chosen: policies.Found,
         seed: int = 0,
@@ -42,7 +43,7 @@ class Page:
         Args:
           server: as `scene.private` makes it.
           env: one environment of the task.
-          title: what is to be done, in a sentence.
+          spec: the task's.
           found: the policies to choose from, all of the task.
           chosen: the one to begin with.
           seed: of the episode to begin with.
@@ -50,11 +51,11 @@ class Page:
         Raises:
           CommandError: the policy cannot be loaded or run.
         """
-        self._server, self._env, self._title, self._found = server, env, title, list(found)
+        self._server, self._env, self._spec, self._found = server, env, spec, list(found)
         self._commands: queue.Queue[Callable[[], None]] = queue.Queue()
         self._chosen, self._seed = chosen, seed
         self._policy = _load(chosen)
-        self.player = Player(self._episode(), env.control_timestep)
+        self.player = Player(self._episode(), spec.control_timestep)
         self._env.show_subgoals(0, [])
         self._stage = Stage(env)
         self._handle = GoalHandle(env, self._stage, self.player.episode.goal)
@@ -76,7 +77,7 @@ class Page:
 
     def _build(self) -> None:
         gui = self._server.gui
-        gui.set_panel_label(self._env.name)
+        gui.set_panel_label(self._chosen.task)
         gui.main_panel.dock_right()
         self._status = gui.add_html("")
         self._play = gui.add_button("Play", icon="player-play")
@@ -98,11 +99,11 @@ class Page:
         self._agent = gui.add_dropdown(
             "agent", names, initial_value=paper.agent_name(self._chosen.subgoal_layers)
         )
-        self._agent.on_update(lambda event: event.client and self._do(self._choose_agent))
+        self._agent.on_update(self._by_person(self._choose_agent))
         self._which = gui.add_dropdown("policy", self._labels(), initial_value=_label(self._chosen))
-        self._which.on_update(lambda event: event.client and self._do(self._choose_policy))
+        self._which.on_update(self._by_person(self._choose_policy))
         self._seed_box = gui.add_number("episode", self._seed, min=0, max=_SEEDS, step=1)
-        self._seed_box.on_update(lambda event: event.client and self._do(self._choose_seed))
+        self._seed_box.on_update(self._by_person(self._choose_seed))
         speed = next(word for word, times in SPEEDS.items() if times == self.player.speed)
         self._speed = gui.add_dropdown(
             "speed", list(SPEEDS), initial_value=speed, hint="1 is real time"
@@ -112,7 +113,7 @@ class Page:
         )
 
     def _build_goal(self, gui: Any) -> None:
-        space = self._env.goal_space
+        space = self._spec.goal_space
         self._sliders = []
         for index, (name, unit) in enumerate(zip(space.names, space.units, strict=True)):
             low, high = float(space.low[index]), float(space.high[index])
@@ -123,7 +124,7 @@ class Page:
                 step=_round_step(high - low),
                 initial_value=low,
             )
-            slider.on_update(lambda event: event.client and self._do(self._slid))
+            slider.on_update(self._by_person(self._slid))
             self._sliders.append(slider)
         if any(self._handle.axes):
             gui.add_html(panel.hint("Or drag the goal's marker in the picture."))
@@ -140,6 +141,15 @@ class Page:
 
     def _do(self, command: Callable[[], None]) -> None:
         self._commands.put(command)
+
+    def _by_person(self, command: Callable[[], None]) -> Callable[[Any], None]:
+        """For what a person changes on the page, and not what `run` itself writes there."""
+
+        def changed(event: Any) -> None:
+            if event.client is not None:
+                self._do(command)
+
+        return changed
 
     async def _drag(self, event: Any) -> None:
         """Notes where the marker is to go: as far from the pointer as when it was taken."""
@@ -261,7 +271,7 @@ class Page:
         player = self.player
         self._play.label = "Pause" if player.running else "Play"
         self._play.icon = "player-pause" if player.running else "player-play"
-        self._status.content = panel.status(player.episode, self._env.max_steps, self._title)
+        self._status.content = panel.status(player.episode, self._spec.max_steps, self._spec.title)
         standings = player.episode.standings()
         self._levels.content = panel.levels(standings, player.counts, self._stage)
         self._endings.content = panel.endings(player.recent)

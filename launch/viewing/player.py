@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from launch.viewing.episode import Episode, Ended
+from launch.viewing.episode import Ended, Episode
 
 SPEEDS = {"1/10": 0.1, "1/4": 0.25, "1/2": 0.5, "1": 1.0, "2": 2.0, "4": 4.0}
 """Times real time, by what a person chooses."""

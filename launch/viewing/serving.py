@@ -57,7 +57,7 @@ def serve(
     server = scene.private(*address)
     try:
         own = [policy for policy in found if policy.task == chosen.task]
-        page = Page(server, env, env.spec.title, own, chosen)
+        page = Page(server, env, env.spec, own, chosen)
         for line in told(address.host, server.get_port()):
             print(line, flush=True)
         page.run(lambda: stop.number is not None)
