@@ -2,6 +2,7 @@
 
 import os
 import sys
+import warnings
 from collections.abc import Sequence
 
 from launch.folder import policies
@@ -45,6 +46,8 @@ def has_display() -> bool:
         return True
     if not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
         return False
-    import glfw  # it warns where there is no display
+    import glfw
 
-    return bool(glfw.init())
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # it warns of a display that does not answer
+        return bool(glfw.init())

@@ -1,6 +1,7 @@
 """Replays: what the file says of bodies, subgoals and outcomes is what happened, frame by frame."""
 
 import base64
+import itertools
 import json
 import re
 from pathlib import Path
@@ -46,7 +47,7 @@ def test_bodies_are_where_composer_has_them(course):
     policy, spec = course.policy, tasks.spec(TASK)
     policy.reset(spec)
     timestep = environment.reset()
-    markers = {*course.stage.goal, *sum(course.stage.subgoals, [])}
+    markers = {*course.stage.goal, *itertools.chain(*course.stage.subgoals)}
     moving = [body for body in range(len(course.stage.bodies)) if body not in markers]
     for frame in course.poses:
         physics = environment.physics
@@ -163,6 +164,6 @@ def test_a_bad_policy_leaves_no_file(tmp_path):
     bad = tmp_path / "bad"
     Path(f"{bad}.json").write_text(Path(f"{POLICY}.json").read_text())
     Path(f"{bad}.safetensors").write_bytes(b"no weights")
-    with pytest.raises(RenderingError, match="policy: .*not a safetensors policy"):
+    with pytest.raises(RenderingError, match=r"policy: .*not a safetensors policy"):
         replay.render([bad], tmp_path / "out.html")
     assert not (tmp_path / "out.html").exists()
