@@ -49,7 +49,7 @@ def _play(values: flags.FlagValues) -> int:
     task = lists.task(values.task)
     output = _output(values)
     found = _choose(values, task)
-    word = tasks.find(found[0].task).word
+    word = tasks.find(lists.task(found[0].task)).word
     if values.viewer != "none":
         return live.play(found, word, values.viewer)
     shown = [policy.path for policy in found]

@@ -52,7 +52,7 @@ def _view(values: flags.FlagValues) -> int:
         serving.serve(
             found,
             chosen,
-            word=values.task if chosen.task == task else chosen.task,
+            word=values.task if chosen.task == task else lists.task(chosen.task),
             address=serving.Address(values.host, values.port),
             stop=stop,
         )

@@ -42,13 +42,21 @@ def _read(file: Path) -> Found:
         description = json.loads(file.read_text(encoding="utf-8"))
         return Found(
             file.with_suffix(""),
-            task=_entry(description, "task", str),
+            task=_task(description),
             subgoal_layers=_entry(description, "subgoal_layers", int),
             seed=_entry(description, "seed", int),
             success_rate=float(_entry(description, "success_rate", int | float)),
         )
     except (OSError, ValueError, RecursionError) as error:
         raise CommandError(f"{file} does not describe a policy: {error}") from error
+
+
+def _task(description: Any) -> str:
+    """The task's name: finding a path or a module runs it, and what a policy says runs nothing."""
+    task = _entry(description, "task", str)
+    if ":" in task or task.endswith(".py"):
+        raise ValueError(f"its task is {task!r}, which is not a name")
+    return task
 
 
 def _entry(description: Any, name: str, wanted: Any) -> Any:

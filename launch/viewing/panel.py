@@ -14,6 +14,7 @@ _NO_CHIP = "transparent"
 _NO_CRITICS = (
     "Q is not shown: this policy's files hold no critics. Policies trained from now on do."
 )
+_ABOUT_Q = "Q: about minus the attempts that the level still expects to need."
 _QUIET = "opacity:0.75"
 
 
@@ -50,7 +51,8 @@ def levels(
         rows.append("".join(f'<td style="{style}">{cell}</td>' for cell in cells))
     header = "".join(f'<th style="text-align:left;padding:0 0.35em">{head}</th>' for head in heads)
     body = "".join(f"<tr>{row}</tr>" for row in rows)
-    note = "" if with_values else f'<div style="{_QUIET};padding-top:0.4em">{_NO_CRITICS}</div>'
+    note = _ABOUT_Q if with_values else _NO_CRITICS
+    note = f'<div style="{_QUIET};padding-top:0.4em">{note}</div>'
     return (
         f'<div style="{_STYLE}"><table style="border-collapse:collapse;width:100%">'
         f"<tr>{header}</tr>{body}</table>{note}</div>"
