@@ -1,5 +1,6 @@
 """A replay opened from a file in headless Chromium: it draws, it scrubs, and nothing goes wrong."""
 
+import contextlib
 import time
 from pathlib import Path
 
@@ -30,11 +31,10 @@ def file(tmp_path_factory) -> Path:
 
 @pytest.fixture(scope="module", params=[(1280, 720), (390, 844)], ids=["desktop", "phone"])
 def page(request, file):
-    opened = Browser(file.as_uri(), request.param)
-    opened.wait_for("window.replay")
-    opened.run("replay.pause()")
-    yield opened
-    opened.close()
+    with contextlib.closing(Browser(file.as_uri(), request.param)) as opened:
+        opened.wait_for("window.replay")
+        opened.run("replay.pause()")
+        yield opened
 
 
 def at(page: Browser, step: int) -> np.ndarray:

@@ -1,5 +1,6 @@
 """The live page in headless Chromium: it draws, its buttons work, and the goal is dragged."""
 
+import contextlib
 import re
 import subprocess
 import sys
@@ -27,15 +28,16 @@ def page():
         stdout=subprocess.PIPE,
         text=True,
     )
-    assert process.stdout
-    address = re.search(r"http://\S+", process.stdout.readline())
-    assert address
-    opened = Browser(address[0])
-    opened.wait_for("document.body.innerText.includes('step 0 of 300')")
-    yield opened
-    opened.close()
-    process.terminate()
-    process.communicate(timeout=30)
+    try:
+        assert process.stdout
+        address = re.search(r"http://\S+", process.stdout.readline())
+        assert address
+        with contextlib.closing(Browser(address[0])) as opened:
+            opened.wait_for("document.body.innerText.includes('step 0 of 300')")
+            yield opened
+    finally:
+        process.terminate()
+        process.communicate(timeout=30)
 
 
 def press(page: Browser, name: str) -> None:
