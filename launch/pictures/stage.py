@@ -10,6 +10,7 @@ from typing import NamedTuple, Protocol
 import mujoco
 import numpy as np
 
+from analysis.reading import schema
 from hac_suite.types import EnvStep, VectorEnv
 
 _GROUPS = (0, 1, 2)  # of geoms: those that MuJoCo's own viewer shows at first
@@ -99,13 +100,14 @@ class Stage:
         self._env.show_subgoals(0, [])
         hidden = self.poses().seen
         found: list[list[int]] = []
-        while True:
-            self._env.show_subgoals(0, [None] * len(found) + [middle])
+        for level in range(schema.MAX_LEVELS):
+            self._env.show_subgoals(0, [None] * level + [middle])
             shown = np.flatnonzero(self.poses().seen & ~hidden).tolist()
             if not shown:
-                self._env.show_subgoals(0, [])
-                return found
+                break
             found.append(shown)
+        self._env.show_subgoals(0, [])
+        return found
 
     def poses(self) -> Poses:
         """Where the bodies are now; the state itself is left as it is."""

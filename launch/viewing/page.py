@@ -1,5 +1,6 @@
 """The live page: controls, panels and the scene, for an episode that runs in this process."""
 
+import functools
 import queue
 import time
 from collections.abc import Callable, Sequence
@@ -60,6 +61,7 @@ class Page:
         self._stage = Stage(env)
         self._handle = GoalHandle(env, self._stage, self.player.episode.goal)
         self._scene = Scene(server, self._stage)
+        self._marker = np.zeros(3)  # where the goal's marker is drawn
         self._grip: np.ndarray | None = None  # from the pointer to the marker, while it is dragged
         self._dragged: np.ndarray | None = None  # where the marker is to go
         self._panelled = self._framed = 0.0
@@ -83,7 +85,7 @@ class Page:
         self._play = gui.add_button("Play", icon="player-play")
         self._play.on_click(lambda _: self._do(self._toggle))
         self._move = gui.add_button_group("", ("Step", "Restart", "Next episode"))
-        self._move.on_click(lambda event: self._do(lambda: self._moved(event.target.value)))
+        self._move.on_click(self._pressed)
         self._levels = gui.add_html("")
         gui.add_html(panel.key())
         with gui.add_folder("Latest outcomes"):
@@ -124,7 +126,7 @@ class Page:
                 step=_round_step(high - low),
                 initial_value=low,
             )
-            slider.on_update(self._by_person(self._slid))
+            slider.on_update(self._by_person(functools.partial(self._slid, index)))
             self._sliders.append(slider)
         if any(self._handle.axes):
             gui.add_html(panel.hint("Or drag the goal's marker in the picture."))
@@ -142,6 +144,9 @@ class Page:
     def _do(self, command: Callable[[], None]) -> None:
         self._commands.put(command)
 
+    def _pressed(self, event: Any) -> None:
+        self._do(functools.partial(self._moved, event.target.value))
+
     def _by_person(self, command: Callable[[], None]) -> Callable[[Any], None]:
         """For what a person changes on the page, and not what `run` itself writes there."""
 
@@ -154,7 +159,7 @@ class Page:
     async def _drag(self, event: Any) -> None:
         """Notes where the marker is to go: as far from the pointer as when it was taken."""
         if event.phase == "start" or self._grip is None:
-            self._grip = self._handle.place() - event.start_position
+            self._grip = self._marker - event.start_position
         self._dragged = event.end_position + self._grip
         if event.phase == "end":
             self._grip = None
@@ -164,7 +169,7 @@ class Page:
             self.player.pause()
         else:
             if self.player.episode.over:
-                self.player.begin(self._episode())
+                self._restart()
             self.player.play(time.monotonic())
 
     def _moved(self, word: str) -> None:
@@ -214,8 +219,10 @@ class Page:
         if self.player.playing:
             self.player.play(time.monotonic())
 
-    def _slid(self) -> None:
-        self.player.move_goal(np.array([slider.value for slider in self._sliders]))
+    def _slid(self, index: int) -> None:
+        goal = self.player.episode.goal.copy()
+        goal[index] = self._sliders[index].value
+        self.player.move_goal(goal)
 
     def _show_goal(self) -> None:
         """The sliders show the goal that now is."""
@@ -262,6 +269,8 @@ class Page:
         with self._server.atomic():
             if everything or over or now - self._framed >= _FRAME_SECONDS:
                 self._scene.draw(self._stage.poses())
+                if self._stage.goal:
+                    self._marker = self._handle.place()
                 self._framed = now
             if everything or over or now - self._panelled >= _PANEL_SECONDS:
                 self._write_panels()

@@ -11,9 +11,7 @@ from launch.viewing.episode import Ended, Episode, Standing
 
 _STYLE = "font-size:0.875rem;line-height:1.45;padding:0 0.75em 0.5em"
 _NO_CHIP = "transparent"
-_NO_CRITICS = (
-    "Q is not shown: this policy's files hold no critics. Policies trained from now on do."
-)
+_NO_CRITICS = "Q is not shown: this policy was saved without its critics."
 _ABOUT_Q = "Q: about minus the attempts that the level still expects to need."
 _QUIET = "opacity:0.75"
 
