@@ -9,6 +9,7 @@ from hac_suite.training.callback import Boundary, Callback, LostSeed, Progress
 from hac_suite.training.evaluation import EpisodeStats, run_episodes
 from hac_suite.training.loop import DIAGNOSTICS, PeriodResult, train
 from hac_suite.types import Spaces, VectorEnv
+from hac_suite.values import q_values
 
 __all__ = [
     "DIAGNOSTICS",
@@ -28,6 +29,7 @@ __all__ = [
     "VectorEnv",
     "completed",
     "horizons",
+    "q_values",
     "run_episodes",
     "train",
 ]

@@ -16,6 +16,7 @@ from hac_suite.learning.networks import ALIGNED, StackedMLP, in_whole_registers
 from hac_suite.types import Actor, LevelSpec, Spaces, level_specs
 
 _FORMAT = "hac_suite.policy/2"
+_CRITIC = "critic."  # in the names of tensors
 
 
 def as_actor(network: StackedMLP, spec: LevelSpec) -> Actor:
@@ -49,6 +50,8 @@ class Policy:
     Attributes:
         horizons: (T_0, ..., T_n).
         metadata: what the file said about itself (task, seed, score, ...).
+        critics: per level the critic that its actor learnt from, for `hac_suite.values`; none in
+            files of before critics were kept, or of learners that have another kind.
     """
 
     def __init__(
@@ -56,10 +59,12 @@ class Policy:
         networks: Sequence[StackedMLP],
         horizons: Sequence[int],
         metadata: dict[str, Any] | None = None,
+        critics: Sequence[StackedMLP] = (),
     ):
         self.networks = list(networks)
         self.horizons = tuple(horizons)
         self.metadata = dict(metadata or {})
+        self.critics = list(critics)
         self._episode: Episode | None = None
 
     @property
@@ -68,15 +73,15 @@ class Policy:
 
     @classmethod
     def of_seed(
-        cls, networks: Sequence[StackedMLP], seed: int, horizons: Sequence[int]
+        cls,
+        networks: Sequence[StackedMLP],
+        seed: int,
+        horizons: Sequence[int],
+        critics: Sequence[StackedMLP] = (),
     ) -> "Policy":
-        """A copy of one seed's actors."""
-        own = []
-        for network in networks:
-            single = StackedMLP(1, (*network.sizes[:-1], network.outputs))
-            single.parameters.copy_(network.parameters[seed : seed + 1])
-            own.append(single)
-        return cls(own, horizons)
+        """A copy of one seed's actors, and of its critics."""
+        own = [_of_seed(network, seed) for network in networks]
+        return cls(own, horizons, critics=[_of_seed(critic, seed) for critic in critics])
 
     def actors(self, levels: Sequence[LevelSpec]) -> list[Actor]:
         """Callables for `hierarchy.collect`.
@@ -137,8 +142,9 @@ class Policy:
         """Writes `path`.safetensors and `path`.json."""
         path = Path(path)
         tensors = {
-            f"level{level}.layer{layer}": weight[0, : _outputs(network, layer)].contiguous()
-            for level, network in enumerate(self.networks)
+            f"level{level}.{prefix}layer{layer}": weight[0, : _outputs(network, layer)].contiguous()
+            for prefix, networks in (("", self.networks), (_CRITIC, self.critics))
+            for level, network in enumerate(networks)
             for layer, weight in enumerate(network.weights)
         }
         description = {"format": _FORMAT, "horizons": list(self.horizons), **metadata}
@@ -160,8 +166,18 @@ class Policy:
         except (OSError, safetensors.SafetensorError) as error:
             raise ValueError(f"{tensors_path} is not a safetensors policy: {error}") from error
         horizons = _horizons(metadata, json_path)
-        networks = [_network(tensors, level, tensors_path) for level in range(len(horizons))]
-        return cls(networks, horizons, metadata)
+        levels = range(len(horizons))
+        networks = [_network(tensors, level, tensors_path) for level in levels]
+        critics = []
+        if f"level0.{_CRITIC}layer0" in tensors:
+            critics = [_network(tensors, level, tensors_path, _CRITIC) for level in levels]
+        return cls(networks, horizons, metadata, critics)
+
+
+def _of_seed(network: StackedMLP, seed: int) -> StackedMLP:
+    single = StackedMLP(1, (*network.sizes[:-1], network.outputs))
+    single.parameters.copy_(network.parameters[seed : seed + 1])
+    return single
 
 
 def _files(path: Path) -> tuple[Path, Path]:
@@ -201,10 +217,12 @@ def _chained(layers: list[torch.Tensor]) -> bool:
     return matrices and all(a.shape[0] + 1 == b.shape[1] for a, b in itertools.pairwise(layers))
 
 
-def _network(tensors: dict[str, torch.Tensor], level: int, path: Path) -> StackedMLP:
+def _network(
+    tensors: dict[str, torch.Tensor], level: int, path: Path, prefix: str = ""
+) -> StackedMLP:
     layers: list[torch.Tensor] = []
-    while f"level{level}.layer{len(layers)}" in tensors:
-        layers.append(tensors[f"level{level}.layer{len(layers)}"])
+    while f"level{level}.{prefix}layer{len(layers)}" in tensors:
+        layers.append(tensors[f"level{level}.{prefix}layer{len(layers)}"])
     if not layers or not _chained(layers):
         raise ValueError(f"{path} lacks a whole network for level {level}.")
     if not all(bool(torch.isfinite(layer).all()) for layer in layers):

@@ -13,7 +13,7 @@ def run() -> None:
 
 
 def play() -> None:
-    """`hac-play` is `python launch/play.py`: renders a trained policy."""
+    """`hac-play` is `python launch/play.py`: shows a trained policy."""
     _program("launch.play")
 
 
@@ -25,6 +25,11 @@ def doctor() -> None:
 def status() -> None:
     """`hac-status` is `python launch/status.py`: says how an experiment stands."""
     _program("launch.status")
+
+
+def view() -> None:
+    """`hac-view` is `python launch/view.py`: a live page of a trained policy."""
+    _program("launch.view")
 
 
 def _program(module: str) -> None:

@@ -1,4 +1,4 @@
-"""Renders a trained policy: `python launch/play.py --task=pick_place --output=video.mp4`."""
+"""Shows a trained policy: `python launch/play.py --task=pick_place --output=video.mp4`."""
 
 import sys
 from collections.abc import Sequence
@@ -16,16 +16,22 @@ if __name__ == "__main__":
 import tasks
 from analysis import program
 from analysis.program import CommandError
-from analysis.reading import names
 from launch.asking import lists
 from launch.folder import policies
-from launch.pictures import video
+from launch.pictures import replay, video
+from launch.viewing import live, serving
 
-_HELP = """Renders test episodes of a trained policy into a file; opens no window.
+_SUFFIXES = (".mp4", ".png", ".html")
+_HELP = """Renders test episodes of a trained policy into a file, or plays them live with --viewer.
 
   python launch/play.py --task=pick_place --subgoal_layers=1 --output=video.mp4
+  python launch/play.py --task=pick_place --output=episode.html
+  python launch/play.py --task=pick_place --viewer=auto
 
-Without a run of your own it plays the published policy of the task.
+An .html is one episode in 3-D to turn and to scrub, in one file that needs no server (extra
+[viewer]). --viewer writes no file: `window` is MuJoCo's own window, `page` that of launch/view.py,
+and `auto` the window where there is a display, else the page. Without a run of your own it plays
+the published policy of the task.
 
 Flags:
 {flags}
@@ -41,11 +47,18 @@ def main(argv: Sequence[str]) -> int:
 
 def _play(values: flags.FlagValues) -> int:
     task = lists.task(values.task)
-    shown, output = _choose(values, task)
-    word = tasks.find(task).word
+    output = _output(values)
+    found = _choose(values, task)
+    word = tasks.find(lists.task(found[0].task)).word
+    if values.viewer != "none":
+        return live.play(found, word, values.viewer)
+    shown = [policy.path for policy in found]
     try:
-        for note in video.render(shown, output, episodes=values.episodes, task=word):
-            print(note)
+        if output.suffix == ".html":
+            replay.render(shown, output)
+        else:
+            for note in video.render(shown, output, episodes=values.episodes, task=word):
+                print(note)
     except video.RenderingError as error:
         print(f"error: {error}", file=sys.stderr)
         return 1
@@ -67,25 +80,37 @@ def _flags() -> flags.FlagValues:
         "if not given, the median seed, or the best if it never succeeds",
         least=0,
     )
-    flags.DEFINE_string("output", "video.mp4", ".mp4: a video; .png: a strip of frames", values)
+    flags.DEFINE_string(
+        "output",
+        "video.mp4",
+        ".mp4: a video; .png: a strip of frames; .html: an episode in 3-D",
+        values,
+    )
     program.define_count(values, "episodes", 2, "how many a video shows", least=1)
+    flags.DEFINE_enum(
+        "viewer", "none", ["none", *live.VIEWERS], "watch it live instead of writing a file", values
+    )
     return values
 
 
-def _choose(values: flags.FlagValues, task: str) -> tuple[list[Path], Path]:
-    """The policies that the flags name, in the order to show them; where their picture goes."""
-    output = Path(values.output)
-    if output.suffix not in (".mp4", ".png"):
-        raise CommandError(f"flag --output={output}: its name ends in .mp4 or .png")
-    where = Path("runs", task) if values.run is None else Path(values.run)
-    found = policies.find(where / names.POLICIES)
-    if values.run is None and not found and (published := policies.published(task)):
-        found, where = published, policies.PUBLISHED
-        print(f"{Path('runs', values.task)} holds no policies: playing the published one")
+def _choose(values: flags.FlagValues, task: str) -> list[policies.Found]:
+    """The policies that the flags name, in the order to show them."""
+    run = None if values.run is None else Path(values.run)
+    found, where = policies.of_task(task, run, typed=bool(values["task"].present))
     chosen = policies.choose(found, where, values.subgoal_layers, values.seed)
-    if (values.run is None or values["task"].present) and chosen[0].task != task:
-        raise CommandError(f"flag --task={task}: {where} holds policies of {chosen[0].task}")
-    return [policy.path for policy in chosen], output
+    if where == policies.PUBLISHED:
+        print(f"{Path('runs', values.task)} holds no policies: playing the published one")
+    return chosen
+
+
+def _output(values: flags.FlagValues) -> Path:
+    """Where the picture goes."""
+    output = Path(values.output)
+    if output.suffix not in _SUFFIXES:
+        raise CommandError(f"flag --output={output}: its name ends in .mp4, .png or .html")
+    if output.suffix == ".html":
+        serving.check()
+    return output
 
 
 if __name__ == "__main__":

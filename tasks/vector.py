@@ -232,6 +232,16 @@ class VectorEnv:
         """
         self._task.place_subgoal_markers(_Simulation(self._model, self._data[i]), subgoals)
 
+    def move_goal(self, i: int, goal: np.ndarray) -> VectorStep:
+        """Gives environment i's episode another end goal [G], in natural units, and shows it."""
+        self._goals[i] = goal
+        self._task.place_goal_marker(_Simulation(self._model, self._data[i]), self._goals[i])
+        return self._view()
+
+    def simulation(self, i: int) -> tuple[mujoco.MjModel, mujoco.MjData]:
+        """Environment i's model and state, for those who draw them: to be read only."""
+        return self._model, self._data[i]
+
     def render(
         self, i: int, *, camera: int | str = 0, height: int = 480, width: int = 640
     ) -> np.ndarray:

@@ -36,6 +36,7 @@ ROOMS = {
     "launch/jobs": {"asking", "folder"},
     "launch/tuning": {"asking", "folder", "jobs"},
     "launch/pictures": {"asking", "folder", "jobs"},
+    "launch/viewing": {"asking", "folder", "jobs", "pictures"},
     "tasks/families": {".", "robots"},
     "tasks/robots": {"."},
 }
@@ -45,11 +46,15 @@ OWN_FILES = {
     "hac_suite/acting.py": {"algorithm"},
     "hac_suite/config.py": {"learning"},  # which learners there are
     "hac_suite/policy.py": {"learning"},  # networks
+    "hac_suite/values.py": {"learning"},  # critics
     "hac_suite": set(),
 }
 EXCEPTIONS = {
     "tasks/to_gymnasium.py": {"gymnasium"},
     "launch/jobs/on_ray.py": {"ray"},
+    "launch/pictures/stage.py": {"mujoco"},  # bodies as they are compiled
+    "launch/viewing/live.py": {"glfw"},  # asked whether there is a display
+    "launch/viewing/window.py": {"mujoco"},
     "launch/tuning/study.py": {"optuna"},
     "launch/tuning/worker.py": {"optuna"},
     "analysis/statistics/tuning.py": {"optuna"},

@@ -15,7 +15,7 @@ pytestmark = pytest.mark.slow
 ROOT = Path(__file__).resolve().parent.parent
 ROOMS = ("analysis", "assets", "hac_suite", "launch", "tasks")
 FILES = ("pyproject.toml", "README.md", "LICENSE")
-COMMANDS = ("hac-run", "hac-play", "hac-doctor", "hac-status")
+COMMANDS = ("hac-run", "hac-play", "hac-doctor", "hac-status", "hac-view")
 TINY = (
     "--seeds=1", "--periods=1", "--workers=1", "--novideo",
     "--config.episodes_per_period=4", "--config.test_episodes=2",
@@ -87,7 +87,7 @@ def test_the_commands_are_those_that_pyproject_declares(site):
     assert made == set(COMMANDS)
 
 
-@pytest.mark.parametrize("name", ["run", "play", "status"])
+@pytest.mark.parametrize("name", ["run", "play", "status", "view"])
 def test_a_command_says_what_it_is_for(away, site, name):
     done = away(site / "bin" / f"hac-{name}", "--help")
     assert (done.returncode, done.stderr) == (0, "")

@@ -81,11 +81,11 @@ class Hierarchy:
         for time in range(horizon):
             actions = self.choose(state.observation, time)
             if on_step and time == 0:
-                on_step(self._view(0, state))
+                on_step(self.view(0, state))
             state = env.step(actions, self._active)
             self.follow(time, state, last=time + 1 == horizon)
             if on_step:
-                on_step(self._view(time + 1, state))
+                on_step(self.view(time + 1, state))
             if not self._active.any():
                 break
         return self._round
@@ -235,7 +235,8 @@ class Hierarchy:
             over = over | succeeded
         self._active = self._active & ~over
 
-    def _view(self, step: int, state: EnvStep) -> StepView:
+    def view(self, step: int, state: EnvStep) -> StepView:
+        """What a spectator sees after `step` actions, which led to `state`."""
         return StepView(
             step=step,
             active=self._active,

@@ -74,6 +74,13 @@ class UnboundedCritic:
         return target
 
 
+def critic_kind(spec: LevelSpec, config: Config) -> BoundedCritic | UnboundedCritic:
+    """What a level's critic makes of its network's raw output."""
+    if config.bounded_critic:
+        return BoundedCritic(critic_floor(spec.attempts, config), config.initial_q)
+    return UnboundedCritic()
+
+
 class DDPG(Learner):
     """Actor, critic, their targets, averages and optimisers of one level for S seeds."""
 
@@ -101,11 +108,7 @@ class DDPG(Learner):
         self.target_actor = self.actor.twin() if config.target_rate else self.actor
         self.target_critic = self.critic.twin() if config.target_rate else self.critic
         self.tested_actor = self.actor.twin() if config.tested_actor_rate else self.actor
-        self.critic_kind = (
-            BoundedCritic(critic_floor(spec.attempts, config), config.initial_q)
-            if config.bounded_critic
-            else UnboundedCritic()
-        )
+        self.critic_kind = critic_kind(spec, config)
         self.actor_optimiser = Adam(self.actor, config.learning_rate)
         self.critic_optimiser = Adam(self.critic, config.learning_rate)
 

@@ -19,6 +19,7 @@ from hac_suite.learning.replay import Replay, RowLayout
 from hac_suite.policy import Policy, as_actor
 from hac_suite.state import SeedState, copy_into
 from hac_suite.types import Actor, LevelSpec, VectorEnv, level_specs
+from hac_suite.values import critics_of
 
 _SEEDS_AT_A_TIME = 5
 
@@ -86,9 +87,10 @@ class Population:
         return [as_actor(n.on_cpu(), spec) for n, spec in zip(networks, self.levels, strict=True)]
 
     def policies(self) -> list[Policy]:
-        """A copy of each seed's agent, as tested."""
-        networks = self.tested_networks()
-        return [Policy.of_seed(networks, i, self.horizons) for i in range(len(self.seeds))]
+        """A copy of each seed's agent, as tested, and of the critics that it learnt from."""
+        networks, critics = self.tested_networks(), critics_of(self.learners)
+        seeds = range(len(self.seeds))
+        return [Policy.of_seed(networks, i, self.horizons, critics) for i in seeds]
 
     def draw_round(self, steps: int) -> exploration.Draws:
         return exploration.draw_round(self._explore, self.levels, self.config, steps)

@@ -140,7 +140,7 @@ def define_flags() -> flags.FlagValues:
         "where networks learn; auto: the GPU if there is one",
         values,
     )
-    flags.DEFINE_boolean("video", True, "render a video of each agent", values)
+    flags.DEFINE_boolean("video", True, "make a video and a 3-D replay of each agent", values)
     flags.DEFINE_boolean("tensorboard", False, "write curves for TensorBoard as well", values)
     flags.DEFINE_boolean(
         "other_versions",

@@ -44,6 +44,7 @@ class RunFolder:
         self.report = self.path / names.REPORT
         self.policies = self.path / names.POLICIES
         self.videos = self.path / names.VIDEOS
+        self.replays = self.path / names.REPLAYS
         self.failures = self.path / names.FAILURES
         self.checkpoints = self.path / names.CHECKPOINTS
 
@@ -53,6 +54,9 @@ class RunFolder:
 
     def video(self, subgoal_layers: int) -> Path:
         return self.videos / f"{self.task}_{subgoal_layers}layers.mp4"
+
+    def replay(self, subgoal_layers: int) -> Path:
+        return self.replays / f"{self.task}_{subgoal_layers}layers.html"
 
     def checkpoints_of(self, subgoal_layers: int, seed: int) -> Path:
         """The folder of an unfinished seed's checkpoints."""
@@ -148,6 +152,7 @@ class RunFolder:
         for suffix in POLICY_SUFFIXES:
             yield from leftovers(self.policies, f"{task}_*layers_seed*{suffix}")
         yield from leftovers(self.videos, f"{task}_*layers.mp4")
+        yield from leftovers(self.replays, f"{task}_*layers.html")
 
     def _set_rows(self, runs: Mapping[tuple[int, int], Sequence[Mapping[str, Any]]]) -> int:
         own = {(str(layers), str(seed)) for layers, seed in runs}

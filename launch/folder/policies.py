@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from analysis.program import CommandError
-from analysis.reading import paper
+from analysis.reading import names, paper
 
 PUBLISHED = Path(__file__).resolve().parents[2] / "assets" / "policies"
 """The best seed of each task and agent of the published grid."""
@@ -42,13 +42,21 @@ def _read(file: Path) -> Found:
         description = json.loads(file.read_text(encoding="utf-8"))
         return Found(
             file.with_suffix(""),
-            task=_entry(description, "task", str),
+            task=_task(description),
             subgoal_layers=_entry(description, "subgoal_layers", int),
             seed=_entry(description, "seed", int),
             success_rate=float(_entry(description, "success_rate", int | float)),
         )
     except (OSError, ValueError, RecursionError) as error:
         raise CommandError(f"{file} does not describe a policy: {error}") from error
+
+
+def _task(description: Any) -> str:
+    """The task's name: finding a path or a module runs it, and what a policy says runs nothing."""
+    task = _entry(description, "task", str)
+    if ":" in task or task.endswith(".py"):
+        raise ValueError(f"its task is {task!r}, which is not a name")
+    return task
 
 
 def _entry(description: Any, name: str, wanted: Any) -> Any:
@@ -77,6 +85,25 @@ def best(own: Sequence[Found]) -> Found:
 def published(task: str) -> list[Found]:
     """The published policies of a task, by agent."""
     return [policy for policy in find(PUBLISHED) if policy.task == task]
+
+
+def of_task(task: str, run: Path | None, *, typed: bool) -> tuple[list[Found], Path]:
+    """A task's policies and where they are: of a run folder, else the published ones.
+
+    Args:
+      run: the run folder; None: runs/TASK, and where that holds none the published policies.
+      typed: whether the person named the task, and not the run folder alone.
+
+    Raises:
+      CommandError: the run folder holds policies of another task.
+    """
+    where = Path("runs", task) if run is None else run
+    found = find(where / names.POLICIES)
+    if run is None and not found and (of_grid := published(task)):
+        return of_grid, PUBLISHED
+    if found and (run is None or typed) and found[0].task != task:
+        raise CommandError(f"flag --task={task}: {where} holds policies of {found[0].task}")
+    return found, where
 
 
 def choose(

@@ -1,4 +1,4 @@
-"""What a launch leaves to look at once training is over: videos, the report, a summary."""
+"""What a launch leaves to look at once training is over: videos, replays, the report."""
 
 import contextlib
 from collections.abc import Iterable, Sequence
@@ -18,18 +18,25 @@ from launch.folder import policies, results
 from launch.folder.agents import Agent
 from launch.folder.layout import RunFolder, policy_files
 from launch.jobs.local import StopSignal
-from launch.pictures import video
+from launch.pictures import replay, scene, video
 
 
 def present(
     folders: Iterable[RunFolder], request: Request, console: Console, stop: StopSignal
 ) -> None:
-    """Renders the videos that are missing or older than their policies, and writes the reports."""
+    """Makes videos and replays that are missing or older than their policies, and the reports."""
+    if request.video:
+        try:
+            scene.load()
+        except scene.ViewerMissing as error:
+            console.print(f"note: no 3-D replays: {error}", soft_wrap=True, markup=False)
     folders = list(folders)
     for folder in folders:
         for layers in request.subgoal_layers:
             if request.video and stop.number is None:
                 _video(folder, layers, console, stop)
+            if request.video and stop.number is None:
+                _replay(folder, layers, console)
         try:
             write_report(folder.path)
         except Exception as error:  # the runs themselves are whole
@@ -47,7 +54,8 @@ def summarise(folder: RunFolder, console: Console) -> None:
         console.print(_final_table(folder))
     except ValueError as error:  # such as a success rate that somebody edited
         console.print(f"warning: {error}", soft_wrap=True)
-    for path in (folder.figure, folder.report, *sorted(folder.videos.glob("*.mp4"))):
+    shown = (*sorted(folder.videos.glob("*.mp4")), *sorted(folder.replays.glob("*.html")))
+    for path in (folder.figure, folder.report, *shown):
         if path.exists():
             console.print(str(path), soft_wrap=True)
 
@@ -78,6 +86,22 @@ def _video(folder: RunFolder, layers: int, console: Console, stop: StopSignal) -
     except (CommandError, video.RenderingError) as error:
         agent = Agent(folder.task, layers)
         console.print(f"warning: no video of {agent}: {error}", soft_wrap=True)
+
+
+def _replay(folder: RunFolder, layers: int, console: Console) -> None:
+    """Makes the agent's replay unless it is current; what prevents it is said, not raised."""
+    target = folder.replay(layers)
+    try:
+        scene.load()
+        found = policies.find(folder.policies)
+        own = [policy for policy in found if policy.subgoal_layers == layers]
+        if own and not _is_current(target, own):
+            replay.render([policy.path for policy in policies.typical(own)], target)
+    except scene.ViewerMissing:
+        return  # it is said once
+    except Exception as error:  # the runs themselves are whole
+        agent = Agent(folder.task, layers)
+        console.print(f"warning: no replay of {agent}: {error}", soft_wrap=True, markup=False)
 
 
 def _is_current(video: Path, own: Sequence[policies.Found]) -> bool:

@@ -21,7 +21,7 @@ from launch.folder.layout import RunFolder
 from launch.jobs import messages
 from launch.jobs.progress import Board
 from launch.jobs.recorder import Recorder
-from launch.pictures import video
+from launch.pictures import scene, video
 from tests.launch import fake_jobs
 from tests.launch.launching import launch
 
@@ -187,13 +187,29 @@ def test_pictures_that_fail_do_not_harm_training(tmp_path, capsys, monkeypatch):
     monkeypatch.setattr("launch.jobs.recorder.write_figure", broken)
     monkeypatch.setattr("launch.pictures.summary.write_report", broken)
     monkeypatch.setattr("launch.pictures.summary.video.render", no_backend)
+    monkeypatch.setattr("launch.pictures.summary.scene.load", lambda: None)
+    monkeypatch.setattr("launch.pictures.summary.replay.render", lambda *_: broken(_))
     assert launch(tmp_path, "--seeds=1", "--periods=1", "--video") == 0
     printed = capsys.readouterr().out
+    assert "no replay of pendulum_climb, 1 subgoal layer: no ink" in printed
     assert "figure.png was not refreshed: no ink" in printed
     assert "report.html was not written: no ink" in printed
     assert "no video of pendulum_climb, 1 subgoal layer" in printed and "libegl1" in printed
     assert list((tmp_path / "pendulum_climb" / "videos").iterdir()) == []
     assert len(trained(tmp_path)) == 1
+
+
+def test_without_the_viewer_a_line_says_that_there_are_no_replays(tmp_path, capsys, monkeypatch):
+    def missing() -> None:
+        raise scene.ViewerMissing(scene.LACKING)
+
+    monkeypatch.setattr(scene, "load", missing)
+    monkeypatch.setattr("launch.pictures.summary.video.render", lambda *_, **__: [])
+    assert launch(tmp_path, "--seeds=1", "--periods=1", "--video") == 0
+    printed = capsys.readouterr().out
+    assert printed.count("no 3-D replays") == 1 and "pip install 'hac-suite[viewer]'" in printed
+    assert "no replay of" not in printed
+    assert not (tmp_path / "pendulum_climb" / "replays").exists()
 
 
 def test_a_damaged_policy_or_number_costs_a_warning_and_not_the_summary(tmp_path, capsys):

@@ -195,6 +195,7 @@ def test_preparing_removes_what_a_kill_left_half_written_and_nothing_else(folder
         ".figure.123.tmp.png", ".results.9.tmp.csv", ".report.77.tmp.html", ".subgoals.7.tmp.csv",
         "policies/.pick_place_1layers_seed3.12.tmp.safetensors",
         "videos/.pick_place_1layers.55.tmp.mp4",
+        "replays/.pick_place_1layers.55.tmp.html",
     ):  # fmt: skip
         (folder.path / name).touch()
     with folder.lock():

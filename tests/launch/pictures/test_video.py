@@ -125,6 +125,8 @@ def test_play_answers_bad_input_in_one_line(run, capsys, words, answer):
     [
         ("{", "Expecting property name"),
         ("[1]", "its task is None"),
+        ('{"task": "mine.py:reach"}', "its task is 'mine.py:reach', which is not a name"),
+        ('{"task": "gym:mine:Reach-v0"}', "its task is 'gym:mine:Reach-v0', which is not a name"),
         (f'{{"task": "{TASK}", "subgoal_layers": "two"}}', "its subgoal_layers is 'two'"),
         (
             f'{{"task": "{TASK}", "subgoal_layers": 2, "seed": 3, "success_rate": NaN}}',

@@ -1,0 +1,248 @@
+"""What can be seen of a task without GL: its bodies' shapes and poses, and which are markers.
+
+Everything comes from the compiled MuJoCo model and state, so a task in a file of one's own is seen
+as the suite's are. `Watched` is all that is asked of an environment.
+"""
+
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple, Protocol
+
+import mujoco
+import numpy as np
+
+from analysis.reading import schema
+from hac_suite.types import EnvStep, VectorEnv
+
+_GROUPS = (0, 1, 2)  # of geoms: those that MuJoCo's own viewer shows at first
+_ROUND = 32  # corners of what is round
+_HIDDEN_BELOW = -10.0  # metres; tasks hide markers far below the floor
+_HALF_TURN = np.pi
+_FALLBACK_VIEW = np.array([0.9, -1.9, 0.9])  # times the model's extent, from its centre
+
+
+class Watched(VectorEnv, Protocol):
+    """An environment that can be drawn: `tasks.VectorEnv` is one."""
+
+    def simulation(self, i: int) -> tuple[mujoco.MjModel, mujoco.MjData]: ...
+
+    def show_subgoals(self, i: int, subgoals: Sequence[np.ndarray | None]) -> None: ...
+
+    def move_goal(self, i: int, goal: np.ndarray) -> EnvStep: ...
+
+
+class Shape(NamedTuple):
+    """A geom as triangles, in the frame of its body; metres."""
+
+    body: int
+    rgba: tuple[float, float, float, float]
+    vertices: np.ndarray  # float32 [V, 3]
+    faces: np.ndarray  # uint32 [F, 3]
+    edges: np.ndarray  # float32 [E, 2, 3] lines that tell its form
+
+
+class Camera(NamedTuple):
+    """Where the task's own pictures are taken from."""
+
+    position: np.ndarray  # [3]
+    look_at: np.ndarray  # [3]
+    field_of_view: float  # radians, vertically
+
+
+class Poses(NamedTuple):
+    """Where all bodies of a model are at one moment; an unseen one's place means nothing."""
+
+    position: np.ndarray  # float32 [B, 3]
+    quaternion: np.ndarray  # float32 [B, 4] w, x, y, z
+    seen: np.ndarray  # bool [B]
+
+
+class Stage:
+    """Environment 0 of a task as something to draw.
+
+    Attributes:
+      shapes: of all bodies, but for floors.
+      floor: height of the floor in metres, None where there is none.
+      goal: the bodies that mark the end goal.
+      subgoals: per level that can show its subgoal, the lowest first, the bodies that mark it.
+      camera: where to look from.
+    """
+
+    def __init__(self, env: Watched):
+        """`env` has begun an episode; its subgoals are hidden here."""
+        self._env = env
+        self._model, data = env.simulation(0)
+        self._scratch = mujoco.MjData(self._model)
+        self.shapes = list(_shapes(self._model))
+        self.floor = _floor(self._model)
+        self.subgoals = self._marked_by_level()
+        taken = {body for bodies in self.subgoals for body in bodies}
+        seen = self.poses().seen
+        mocap = np.flatnonzero(self._model.body_mocapid >= 0).tolist()
+        self.goal = [body for body in mocap if body not in taken and seen[body]]
+        self.camera = _camera(self._model, data)
+
+    @property
+    def bodies(self) -> list[str]:
+        """The bodies' names, the world's first."""
+        return [self._model.body(body).name or f"body{body}" for body in range(self._model.nbody)]
+
+    def colour(self, bodies: Sequence[int]) -> str | None:
+        """The colour of the first of these bodies that has a shape, as #rrggbb."""
+        for shape in self.shapes:
+            if shape.body in bodies:
+                return "#" + "".join(f"{round(255 * part):02x}" for part in shape.rgba[:3])
+        return None
+
+    def _marked_by_level(self) -> list[list[int]]:
+        """Bodies that come to sight with each level's subgoal: tasks name markers as they like."""
+        space = self._env.subgoal_space
+        middle = (np.asarray(space.low) + space.high) / 2
+        self._env.show_subgoals(0, [])
+        hidden = self.poses().seen
+        found: list[list[int]] = []
+        for level in range(schema.MAX_LEVELS):
+            self._env.show_subgoals(0, [None] * level + [middle])
+            shown = np.flatnonzero(self.poses().seen & ~hidden).tolist()
+            if not shown:
+                break
+            found.append(shown)
+        self._env.show_subgoals(0, [])
+        return found
+
+    def poses(self) -> Poses:
+        """Where the bodies are now; the state itself is left as it is."""
+        model, data = self._env.simulation(0)
+        mujoco.mj_copyData(self._scratch, model, data)
+        mujoco.mj_kinematics(model, self._scratch)
+        return Poses(
+            self._scratch.xpos.astype(np.float32),
+            self._scratch.xquat.astype(np.float32),
+            self._scratch.xpos[:, 2] > _HIDDEN_BELOW,
+        )
+
+    def show(self, subgoals: Sequence[np.ndarray | None]) -> None:
+        """Shows environment 0's subgoals [H], the lowest level's first."""
+        self._env.show_subgoals(0, subgoals)
+
+
+def _shapes(model: mujoco.MjModel) -> Iterator[Shape]:
+    """The geoms that are to be seen, but for planes."""
+    for geom in range(model.ngeom):
+        rgba = _colour(model, geom)
+        if model.geom_group[geom] not in _GROUPS or rgba[3] == 0:
+            continue
+        made = _triangles(model, geom)
+        if made is None:
+            continue
+        turn = np.zeros(9)
+        mujoco.mju_quat2Mat(turn, model.geom_quat[geom])
+        vertices, edges = (
+            (part @ turn.reshape(3, 3).T + model.geom_pos[geom]).astype(np.float32)
+            for part in (made[0], made[2])
+        )
+        yield Shape(int(model.geom_bodyid[geom]), rgba, vertices, made[1].astype(np.uint32), edges)
+
+
+def _colour(model: mujoco.MjModel, geom: int) -> tuple[float, float, float, float]:
+    material = model.geom_matid[geom]
+    rgba = model.geom_rgba[geom]
+    if material >= 0 and (rgba == (0.5, 0.5, 0.5, 1.0)).all():  # MuJoCo's default: not set
+        rgba = model.mat_rgba[material]
+    red, green, blue, opacity = rgba.tolist()
+    return red, green, blue, opacity
+
+
+def _triangles(
+    model: mujoco.MjModel, geom: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
+    """Vertices, faces and telling edges in the geom's own frame; None for what is not drawn."""
+    kind, size = mujoco.mjtGeom(model.geom_type[geom]), model.geom_size[geom]
+    if kind == mujoco.mjtGeom.mjGEOM_BOX:
+        return _box(size)
+    if kind == mujoco.mjtGeom.mjGEOM_MESH:
+        return _mesh(model, model.geom_dataid[geom])
+    if kind == mujoco.mjtGeom.mjGEOM_CYLINDER:
+        return _revolve(np.array([[0, -size[1]], [size[0], -size[1]], [size[0], size[1]],
+                                  [0, size[1]]]), sharp=True)  # fmt: skip
+    if kind == mujoco.mjtGeom.mjGEOM_CAPSULE:
+        return _revolve(_round_profile(size[0], size[0], size[1]), sharp=False)
+    if kind == mujoco.mjtGeom.mjGEOM_SPHERE:
+        return _revolve(_round_profile(size[0], size[0], 0.0), sharp=False)
+    if kind == mujoco.mjtGeom.mjGEOM_ELLIPSOID:
+        made = _revolve(_round_profile(1.0, 1.0, 0.0), sharp=False)
+        return made[0] * size, made[1], made[2] * size
+    return None
+
+
+def _box(half: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    signs = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
+    corners = signs * half
+    sides = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+    # Each side has corners of its own, so that light breaks at the edges.
+    vertices = np.concatenate([corners[list(side)] for side in sides])
+    faces = np.concatenate([[[k, k + 1, k + 2], [k, k + 2, k + 3]] for k in range(0, 24, 4)])
+    pairs = [(a, b) for a in range(8) for b in range(a) if (signs[a] != signs[b]).sum() == 1]
+    return vertices, faces, corners[np.array(pairs)]
+
+
+def _mesh(model: mujoco.MjModel, mesh: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    first, count = model.mesh_vertadr[mesh], model.mesh_vertnum[mesh]
+    face, faces = model.mesh_faceadr[mesh], model.mesh_facenum[mesh]
+    vertices = model.mesh_vert[first : first + count].copy()
+    return vertices, model.mesh_face[face : face + faces].copy(), np.zeros((0, 2, 3))
+
+
+def _round_profile(radius: float, height: float, straight: float) -> np.ndarray:
+    """Half an outline [P, 2] of radius and z, from the lower pole to the upper."""
+    angles = np.linspace(-_HALF_TURN / 2, _HALF_TURN / 2, _ROUND // 2 + 1)
+    z = height * np.sin(angles)
+    around = np.stack([radius * np.cos(angles), z], axis=1)
+    lower, upper = around[z <= 1e-9], around[z >= -1e-9]
+    return np.concatenate([lower - [0, straight], upper + [0, straight]])
+
+
+def _revolve(profile: np.ndarray, *, sharp: bool) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The body that an outline [P, 2] of radius and z makes about the z axis.
+
+    Args:
+      sharp: whether the outline's corners are edges, at which light breaks.
+    """
+    if sharp:
+        profile = np.repeat(profile, 2, axis=0)[1:-1]
+    turn = np.linspace(0, 2 * _HALF_TURN, _ROUND, endpoint=False)
+    circle = np.stack([np.cos(turn), np.sin(turn)], axis=1)
+    rings = [np.column_stack([r * circle, np.full(_ROUND, z)]) for r, z in profile]
+    here, after = np.arange(_ROUND), (np.arange(_ROUND) + 1) % _ROUND
+    faces = []
+    for ring in range(0, len(rings) - 1, 2 if sharp else 1):
+        a, b = ring * _ROUND, (ring + 1) * _ROUND
+        faces += [np.stack([a + here, a + after, b + after], 1),
+                  np.stack([a + here, b + after, b + here], 1)]  # fmt: skip
+    widest = profile[:, 0].max()
+    marked = [ring for ring in rings if np.hypot(*ring[0, :2]) > 0.999 * widest]
+    edges = [np.stack([ring, np.roll(ring, -1, axis=0)], axis=1) for ring in marked]
+    for quarter in range(0, _ROUND, _ROUND // 4):
+        line = np.stack([ring[quarter] for ring in rings])
+        edges.append(np.stack([line[:-1], line[1:]], axis=1))
+    return np.concatenate(rings), np.concatenate(faces), np.concatenate(edges)
+
+
+def _floor(model: mujoco.MjModel) -> float | None:
+    """The height of the first plane."""
+    planes = np.flatnonzero(model.geom_type == mujoco.mjtGeom.mjGEOM_PLANE)
+    return float(model.geom_pos[planes[0]][2]) if len(planes) else None
+
+
+def _camera(model: mujoco.MjModel, data: mujoco.MjData) -> Camera:
+    """The model's first camera; where it has none, a place from which all of it is in sight."""
+    centre = model.stat.center.copy()
+    if not model.ncam:
+        return Camera(centre + _FALLBACK_VIEW * model.stat.extent, centre, np.radians(45))
+    scratch = mujoco.MjData(model)
+    mujoco.mj_copyData(scratch, model, data)
+    mujoco.mj_kinematics(model, scratch)
+    mujoco.mj_camlight(model, scratch)
+    position = scratch.cam_xpos[0].copy()
+    ahead = -scratch.cam_xmat[0].reshape(3, 3)[:, 2]
+    distance = max(float((centre - position) @ ahead), 0.5)
+    return Camera(position, position + distance * ahead, float(np.radians(model.cam_fovy[0])))

@@ -1,0 +1,86 @@
+"""A live page of a trained policy: `python launch/view.py --task=pick_place`."""
+
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from absl import flags
+
+if __name__ == "__main__":
+    sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+    from launch.asking import start
+
+    start.for_training()
+
+from analysis import program
+from launch.asking import lists
+from launch.folder import policies
+from launch.jobs.local import StopSignal
+from launch.viewing import serving
+
+_HELP = """Opens a page on this machine on which a trained policy is watched, stepped and teased.
+
+  python launch/view.py --task=pick_place --subgoal_layers=2
+
+The page shows the bodies, the end goal and every level's subgoal in 3-D. Play, pause, step, choose
+another episode, policy or agent, and drag the end goal: a new episode begins from where things
+are. Beside the picture: attempts left, Q and outcomes of every level. Without a run of your own it
+shows the published policies. Over ssh, forward the port with the line that it prints. Ctrl-C ends
+it.
+
+Flags:
+{flags}
+
+Exit status: 0 it was ended; 2 the command was wrong, or the extra [viewer] is not installed."""
+
+
+def main(argv: Sequence[str]) -> int:
+    """Carries out a command; returns the exit status that --help states."""
+    values = _flags()
+    return program.carry_out(program.Program(_HELP, values), argv, lambda _: _view(values))
+
+
+def _view(values: flags.FlagValues) -> int:
+    serving.check()
+    task = lists.task(values.task)
+    run = None if values.run is None else Path(values.run)
+    typed = values["task"].present
+    found, where = policies.of_task(task, run, typed=bool(typed))
+    chosen = policies.choose(found, where, values.subgoal_layers, values.seed)[0]
+    with StopSignal(b"\n") as stop:
+        serving.serve(
+            found,
+            chosen,
+            word=values.task if chosen.task == task else lists.task(chosen.task),
+            address=serving.Address(values.host, values.port),
+            stop=stop,
+        )
+    return 0
+
+
+def _flags() -> flags.FlagValues:
+    values = flags.FlagValues()
+    flags.DEFINE_string("task", "pick_place", "which task, or path/to/file.py:name", values)
+    program.define_count(values, "subgoal_layers", 2, "which agent to begin with", least=0)
+    flags.DEFINE_string(
+        "run", None, "run folder; if not given, runs/TASK, or published policies", values
+    )
+    program.define_count(
+        values, "seed", None, "which policy to begin with; if not given, the median seed", least=0
+    )
+    flags.DEFINE_string(
+        "host",
+        serving.LOOPBACK,
+        "where to listen; any other address lets other machines in, and no password is asked for",
+        values,
+    )
+    program.define_count(
+        values, "port", serving.PORT, "where to listen; the next that is free", least=1024,
+        most=65535,
+    )  # fmt: skip
+    return values
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv))

@@ -1,0 +1,1 @@
+"""The live view: an episode that a person steps, whose goal is dragged, and its page."""
