@@ -168,7 +168,7 @@ def _manifest(folder: RunFolder, request: Request) -> manifest.Manifest:
         str(layers): list(hac_suite.horizons(max_steps, layers, {**own, **request.attempts}))
         for layers in request.subgoal_layers
     }
-    if own_file := manifest.task_file(tasks.find(folder.task).word):
+    if own_file := manifest.task_file(tasks.find(folder.task)):
         wanted["task_file"] = own_file
     found = manifest.read(folder.manifest)
     if found is None:

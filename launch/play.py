@@ -40,7 +40,7 @@ def main(argv: Sequence[str]) -> int:
 
 
 def _play(values: flags.FlagValues) -> int:
-    task = lists.task(values.task)
+    task = lists.task(lists.task_word(values))
     shown, output = _choose(values, task)
     word = tasks.find(task).word
     try:
@@ -55,7 +55,7 @@ def _play(values: flags.FlagValues) -> int:
 
 def _flags() -> flags.FlagValues:
     values = flags.FlagValues()
-    flags.DEFINE_string("task", "pick_place", "which task, or path/to/file.py:name", values)
+    lists.define_task(values, "pick_place", lists.ANY_TASK)
     program.define_count(values, "subgoal_layers", 2, "which agent", least=0)
     flags.DEFINE_string(
         "run", None, "run folder; if not given, runs/TASK, or published policies", values
@@ -81,7 +81,7 @@ def _choose(values: flags.FlagValues, task: str) -> tuple[list[Path], Path]:
     found = policies.find(where / names.POLICIES)
     if values.run is None and not found and (published := policies.published(task)):
         found, where = published, policies.PUBLISHED
-        print(f"{Path('runs', values.task)} holds no policies: playing the published one")
+        print(f"{Path('runs', task)} holds no policies: playing the published one")
     chosen = policies.choose(found, where, values.subgoal_layers, values.seed)
     if (values.run is None or values["task"].present) and chosen[0].task != task:
         raise CommandError(f"flag --task={task}: {where} holds policies of {chosen[0].task}")

@@ -7,9 +7,11 @@ registers every task with Gymnasium as "HACSuite/<Name>-v0".
 
 from tasks import to_gymnasium
 from tasks.finding import ALL, find, load, load_vector, spec
+from tasks.from_gymnasium import from_gymnasium
 from tasks.goal_space import GoalSpace
 from tasks.task_spec import TaskSpec
 from tasks.vector import VectorEnv, VectorStep
+from tasks.worlds.words import compose as gym_word
 
 __all__ = [
     "ALL",
@@ -18,6 +20,8 @@ __all__ = [
     "VectorEnv",
     "VectorStep",
     "find",
+    "from_gymnasium",
+    "gym_word",
     "load",
     "load_vector",
     "spec",
