@@ -150,6 +150,19 @@ def _with_settings(word: str) -> registry.Entry | None:
         raise ValueError(f"{word}: {error}") from error
 
 
+def unfitted(word: str) -> fitted.Unfitted:
+    """The task that a word names, before spaces are estimated for it: what `launch/fit.py` takes.
+
+    Raises:
+      ValueError: as `find`.
+    """
+    if word.endswith(".toml") and Path(word).is_file():
+        word, _ = settings.from_toml(Path(word).read_text(encoding="utf-8"), word)
+    if words.is_one(word):
+        return words.unfitted(word)
+    return fitted.unfitted_task(find(word))
+
+
 def _remembered(entry: registry.Entry) -> registry.Entry:
     _FOUND[entry.name] = entry
     return entry

@@ -7,7 +7,7 @@ import gymnasium
 import numpy as np
 
 from tasks.worlds import estimates, fitted, judging, making
-from tasks.worlds.lanes import Lane, Options, Pool, compute_reward
+from tasks.worlds.lanes import Lane, Options, Pool, View, compute_reward, finite
 
 _NO_LIMIT = (
     "{word}: it has no time limit of its own: say after how many steps an episode ends, as in "
@@ -85,14 +85,13 @@ class World:
         self.judge = self._own_judge() if self.judged_by_reward else self._box()
 
     def _own_judge(self) -> judging.Judge:
-        reader, env = self.pool.reader, Adapter(self, 1)
-        low, high = env.action_low, env.action_high
+        reader, lane = self.pool.reader, self.pool.lanes(1)[0]
+        low, high = self.pool.actions.low.ravel(), self.pool.actions.high.ravel()
         pairs, rng = [], np.random.default_rng(0)
         for seed in range(_PAIRS):
-            state = env.reset(np.array([seed]))
-            pairs.append((state.achieved_goal[0], state.desired_goal[0]))
-            state = env.step(rng.uniform(low, high)[None])
-            pairs.append((state.achieved_goal[0], state.desired_goal[0]))
+            views = [lane.reset(seed, self.pool.options.train, None)]
+            views.append(lane.step(rng.uniform(low, high))[0])
+            pairs += [(view.achieved_goal, view.desired_goal) for view in views if finite(view)]
         achieved, goals = (np.stack(part) for part in zip(*pairs, strict=True))
         return judging.by_reward(
             self.word,
@@ -153,6 +152,7 @@ class Adapter:
         self.control_timestep = world.control_timestep
         self._seeds = np.random.RandomState(seed)
         self._steps = np.zeros(num_envs, np.int64)
+        self._over = np.zeros(num_envs, bool)  # the environment ended the episode
         self._shown: Step | None = None
 
     def reset(
@@ -173,8 +173,8 @@ class Adapter:
             lane, seed = self._lanes[i], int(seeds[i])
             lane.owner = self
             view = lane.reset(seed, options, self._draw_goal(seed))
-            self._steps[i] = 0
-            self._show(i, view, diverged=not _finite(view), failed=False)
+            self._steps[i], self._over[i] = 0, False
+            self._show(i, view, diverged=not finite(view), failed=False)
         return self._fresh()
 
     def _draw_goal(self, seed: int) -> np.ndarray | None:
@@ -187,7 +187,9 @@ class Adapter:
         return None if bounds is None else np.random.default_rng(seed).uniform(*bounds)
 
     def step(self, actions: np.ndarray, mask: np.ndarray | None = None) -> Step:
-        """One control step in each masked environment that has not diverged; see the engine.
+        """One control step in each masked environment; see `hac_suite.VectorEnv`.
+
+        Those that diverged, or that ended their episode, stay as they are.
 
         Raises:
           ValueError: an action is not finite, or an argument has the wrong shape.
@@ -199,7 +201,7 @@ class Adapter:
             raise ValueError(f"actions must have shape {wanted}, got {actions.shape}")
         assert self._shown is not None, "call reset before step"
         for i in self._chosen(mask):
-            if not self._shown.diverged[i]:
+            if not (self._shown.diverged[i] or self._over[i]):
                 self._step_one(i, actions[i])
         return self._fresh()
 
@@ -219,8 +221,9 @@ class Adapter:
                 _STEP_FAILED.format(word=self._world.word, i=i, error=reason)
             ) from error
         self._steps[i] += 1
-        ended = (terminated or truncated) and self._steps[i] < self.max_steps
-        if not _finite(view):
+        self._over[i] = terminated or truncated
+        ended = self._over[i] and self._steps[i] < self.max_steps
+        if not finite(view):
             self._show(i, None, diverged=True, failed=False)
             return
         if ended:
@@ -229,11 +232,13 @@ class Adapter:
             )
         self._show(i, view, diverged=ended and not terminated, failed=ended and terminated)
 
-    def _show(self, i: int, view: Any, *, diverged: bool, failed: bool) -> None:
+    def _show(self, i: int, view: View | None, *, diverged: bool, failed: bool) -> None:
         """Keeps what environment i shows now; None: it stays as it was."""
         if self._shown is None:
-            rows = (np.zeros((self.num_envs, len(part))) for part in view)
-            self._shown = Step(*rows, *(np.zeros(self.num_envs, bool) for _ in range(2)))
+            assert view is not None  # a reset comes first
+            rows = {n: np.zeros((self.num_envs, len(v))) for n, v in view._asdict().items()}
+            flags = {n: np.zeros(self.num_envs, bool) for n in ("diverged", "failed")}
+            self._shown = Step(**rows, **flags)
         for shown, part in zip(self._shown, view or (), strict=False):
             shown[i] = np.nan_to_num(part, posinf=0.0, neginf=0.0)
         self._shown.diverged[i] = diverged
@@ -263,7 +268,10 @@ class Adapter:
           RuntimeError: it gives none.
         """
         del camera  # it has one of its own
-        picture = self._lanes[i].env.render()
+        try:
+            picture: Any = self._lanes[i].env.render()
+        except NotImplementedError:
+            picture = None
         if not isinstance(picture, np.ndarray) or picture.ndim != 3:
             raise RuntimeError(f"{self._world.word}: it renders no frames ('rgb_array')")
         return _fitted_into(picture[..., :3].astype(np.uint8), height, width)
@@ -271,10 +279,6 @@ class Adapter:
     def close(self) -> None:
         """Frees the copies; they are made again when they are needed again."""
         self._pool.close()
-
-
-def _finite(view: Any) -> bool:
-    return all(np.isfinite(part).all() for part in view)
 
 
 def _fitted_into(picture: np.ndarray, height: int, width: int) -> np.ndarray:

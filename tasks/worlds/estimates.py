@@ -80,7 +80,7 @@ def random_actions(about: About, num_envs: int, seed: int) -> Act:
 
 
 def play(env: Any, judge: judging.Judge, act: Act, seeds: np.ndarray, *, test: bool) -> Played:
-    """One episode in each environment; it goes on after the goal, to see more of the world."""
+    """One episode in each environment, to the goal if it comes to that."""
     state, horizon = env.reset(seeds, test=test), env.max_steps
     shown = [state]
     goal = state.desired_goal.copy()
@@ -98,7 +98,7 @@ def play(env: Any, judge: judging.Judge, act: Act, seeds: np.ndarray, *, test: b
         success |= running & ~state.diverged & judge(state.achieved_goal, state.desired_goal)
         failed |= running & lost
         cut |= running & state.diverged
-        running &= ~state.diverged & ~lost
+        running &= ~state.diverged & ~lost & ~success
     shown += [state] * (horizon + 1 - len(shown))
     return Played(
         **{field: np.stack([getattr(each, field) for each in shown]) for field in _TIMES},

@@ -2,7 +2,7 @@
 
 import dataclasses
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -22,9 +22,15 @@ _NO_COMPOSER = (
 class FittedEnv:
     """N environments with the scales, bounds and thresholds of a spec; else what it is given."""
 
-    def __init__(self, env: Any, spec: TaskSpec, copies: Callable[[int], "FittedEnv"]):
-        self._env, self.spec = env, spec
-        self.copies = copies  # as many of the same; the argument of `hac_suite.train`
+    def __init__(
+        self,
+        env: Any,
+        spec: TaskSpec,
+        copies: Callable[[int], "FittedEnv"],
+        notes: tuple[str, ...] = (),
+    ):
+        self._env, self.spec, self.notes = env, spec, notes
+        self.copies = copies  # as many of the same: what `hac_suite.train` takes
         self.num_envs, self.max_steps = env.num_envs, spec.max_steps
         self.horizons, self.control_timestep = spec.horizons, spec.control_timestep
         self.goal_space, self.subgoal_space = spec.goal_space, spec.subgoal_space
@@ -87,7 +93,31 @@ class FittedEntry(registry.Entry):
 
     def load_vector(self, num_envs: int, seed: int = 0) -> Any:
         """As many environments stepped together."""
-        return FittedEnv(self.make(num_envs, seed), self.spec, self.load_vector)
+        return FittedEnv(self.make(num_envs, seed), self.spec, self.load_vector, self.notes)
+
+
+class Unfitted(NamedTuple):
+    """A task for which spaces are to be estimated."""
+
+    word: str  # that finds it
+    name: str
+    about: estimates.About
+    env_of: Callable[[int], Any]  # so many environments, without the spaces that are sought
+    fit: Callable[[Settings], FittedEntry]
+    notes: tuple[str, ...] = ()
+    own: TaskSpec | None = None  # the spaces that somebody made for it, if there are some
+
+
+def unfitted_task(entry: registry.Entry) -> Unfitted:
+    """A dm_control task as if its spaces were not known; only what achieves its goals is."""
+    return Unfitted(
+        word=entry.word,
+        name=entry.name,
+        about=about_task(entry),
+        env_of=entry.load_vector,
+        fit=lambda found: of_task(entry, found, name=entry.name, word=entry.word),
+        own=entry.spec,
+    )
 
 
 def _no_factory(**_: Any) -> Any:

@@ -54,6 +54,11 @@ class View(NamedTuple):
     desired_goal: np.ndarray  # [G]
 
 
+def finite(view: View) -> bool:
+    """Whether all of its numbers are."""
+    return all(bool(np.isfinite(part).all()) for part in view)
+
+
 class Reader:
     """Turns an environment's observations into a View: which numbers are what.
 
@@ -262,7 +267,7 @@ class Pool:
         self._seeds_global = False
         self._lanes = [Lane(first, self.reader, False)]
         self._check_seeds()
-        self.reader.learn_what_is_there([view for view in self._probe(self._lanes[0])])
+        self.reader.learn_what_is_there(self._probe(self._lanes[0]))
 
     @property
     def env(self) -> gymnasium.Env:

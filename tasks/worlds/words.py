@@ -8,7 +8,8 @@ import zlib
 from collections.abc import Mapping
 from typing import Any
 
-from tasks import from_gymnasium, registry
+from tasks import registry
+from tasks.from_gymnasium import World
 from tasks.worlds import fitted, making, settings
 from tasks.worlds.lanes import Options
 
@@ -72,13 +73,25 @@ def with_settings(word: str, own: settings.Settings, *, name: str, source: str) 
     return fitted.of_world(world, own, name=name, word=source)
 
 
-def world_of(word: str) -> "from_gymnasium.World":
+def unfitted(word: str) -> fitted.Unfitted:
     """The environment of a word, before its spaces are known."""
     plain, options, _ = _parsed(word)
-    return _world(plain, options)
+    world = _world(plain, options)
+
+    def fit(own: settings.Settings) -> fitted.FittedEntry:
+        return fitted.of_world(world, own, name=_name(plain, options))
+
+    return fitted.Unfitted(
+        word=compose(plain, options),
+        name=_name(plain, options),
+        about=world.about(),
+        env_of=world.adapter,
+        fit=fit,
+        notes=tuple(world.pool.notes),
+    )
 
 
-def _world(plain: str, options: Mapping[str, Any]) -> "from_gymnasium.World":
+def _world(plain: str, options: Mapping[str, Any]) -> World:
     id = plain.removeprefix(_PREFIX)
     own = Options(
         goal=options.get("goal", ""),
@@ -88,14 +101,12 @@ def _world(plain: str, options: Mapping[str, Any]) -> "from_gymnasium.World":
         test=options.get("test_options"),
     )
     make = making.maker(plain, id, options.get("args", {}))
-    return from_gymnasium.World(
-        plain, make, own, max_steps=options.get("max_steps"), title=f"Gymnasium's {id}"
-    )
+    return World(plain, make, own, max_steps=options.get("max_steps"), title=f"Gymnasium's {id}")
 
 
 def _named(
     entry: fitted.FittedEntry,
-    world: "from_gymnasium.World",
+    world: World,
     plain: str,
     options: Mapping[str, Any],
     *,
@@ -123,7 +134,7 @@ def _name(plain: str, options: Mapping[str, Any]) -> str:
     return f"{id}-{zlib.crc32(compose(plain, options).encode()) & 0xFFFFFF:06x}"
 
 
-def _package(world: "from_gymnasium.World") -> str:
+def _package(world: World) -> str:
     """The installed package that the environment's class is of, with its version."""
     module = type(world.pool.env.unwrapped).__module__.partition(".")[0]
     found = importlib.metadata.packages_distributions().get(module)
