@@ -1,6 +1,5 @@
 """Estimates spaces for a task: `python launch/fit.py --task=gym:PointMaze_UMaze-v3`."""
 
-import os
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -31,7 +30,7 @@ from tasks.worlds import estimates, seen
 from tasks.worlds.estimates import Played
 from tasks.worlds.settings import Settings, as_toml
 
-_HELP = """Estimates what a task comes without: scales, bounds, thresholds, T. Writes them to a file.
+_HELP = """Estimates what a task comes without: scales, bounds, thresholds, T; writes a file.
 
   python launch/fit.py --task=gym:gymnasium_robotics:PointMaze_UMaze-v3
   python launch/run.py --task=PointMaze_UMaze-v3_fit.toml
@@ -88,7 +87,7 @@ def _fit(values: flags.FlagValues) -> int:
     found = fit(task, values.train_episodes)
     names = task.about.goal_names, task.about.subgoal_names
     output.parent.mkdir(parents=True, exist_ok=True)
-    write_text(output, as_toml(found.settings, task.word, os.path.relpath(output), names))
+    write_text(output, as_toml(found.settings, task.word, str(output), names))
     show(task, found, console)
     console.print(
         f"\n{output}: edit what you know better, then\n  python launch/run.py --task={output}",

@@ -126,7 +126,7 @@ def _still(about: About, played: Played) -> Iterator[str]:
 
 def _subgoals(about: About, played: Played, settings: Settings) -> Iterator[str]:
     steps = settings.horizons[1][0] if 1 in settings.horizons else 1
-    far, one = carried(played, steps, 0.95), carried(played, 1, 0.9)
+    far, one = carried(played, steps, 0.75), carried(played, 1, 0.75)
     for i, name in enumerate(about.subgoal_names):
         threshold = settings.subgoal_threshold[i]
         width = settings.subgoal_high[i] - settings.subgoal_low[i]
