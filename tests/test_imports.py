@@ -50,6 +50,7 @@ OWN_FILES = {
 }
 EXCEPTIONS = {
     "tasks/to_gymnasium.py": {"gymnasium"},
+    "tasks/to_gymnasium_vector.py": {"gymnasium"},
     "tasks/from_gymnasium.py": {"gymnasium"},
     "tasks/worlds/lanes.py": {"gymnasium"},
     "tasks/worlds/making.py": {"gymnasium"},
