@@ -10,15 +10,17 @@ from tasks.worlds.estimates import About, Played, carried
 from tasks.worlds.settings import Settings
 
 _SOME = 0.05  # a share above which it is said
-_GOALS, _NEAR = 64, 10  # end goals that states are held against; thresholds that are near
+_GOALS = 64  # end goals that states are held against
+_NEAR = 10  # thresholds
 
 _HELD = (
     "{share:.0%} of episodes begin at their goal: success says little; let starts and goals lie "
     "apart, or the threshold be smaller"
 )
 _NO_OVERLAP = (
-    "no state of any episode comes near any end goal (ten thresholds): hindsight teaches nothing of "
-    "where goals are; begin some training episodes near goals, or let goals lie where episodes come"
+    "no state of any episode comes near any end goal (ten thresholds): hindsight teaches nothing "
+    "of where goals are; begin some training episodes near goals, or let goals lie where "
+    "episodes come"
 )
 _NOT_REACHED = (
     "goals are asked for in {name} from {low:.3g} to {high:.3g}, and episodes came from "
