@@ -223,7 +223,7 @@ class Adapter:
         self._steps[i] += 1
         self._over[i] = terminated or truncated
         ended = self._over[i] and self._steps[i] < self.max_steps
-        if not finite(view):
+        if not finite(view) or lane.broke_down():
             self._show(i, None, diverged=True, failed=False)
             return
         if ended:

@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import gymnasium
+import mujoco
 import numpy as np
 
 from tasks.worlds import making
@@ -33,6 +34,9 @@ GLOBAL_RANDOM = (
     "it draws from numpy's or Python's global random generators, which are seeded for it here"
 )
 _PROBE_SEED, _PROBE_STEPS = 123, 5
+_BROKEN = [  # MuJoCo's warnings after which it resets the state in mid-episode
+    int(getattr(mujoco.mjtWarning, f"mjWARN_BAD{what}")) for what in ("QPOS", "QVEL", "QACC")
+]
 
 
 class Options(NamedTuple):
@@ -201,19 +205,29 @@ class Lane:
         self._random: Any = None  # states of the global generators, as the episode left them
         self._space = making.check_actions(reader.word, env.action_space)
         self.goal: np.ndarray | None = None
+        self._warned = 0  # warnings of MuJoCo at the start of the episode
 
     def reset(self, seed: int, options: Mapping[str, Any] | None, goal: np.ndarray | None) -> View:
         self.goal = goal
         given = {} if options is None else {"options": dict(options)}
-        if not self._seeds_global:
+        with _global_random(None) if self._seeds_global else contextlib.nullcontext():
+            if self._seeds_global:
+                np.random.seed(seed)
+                random.seed(seed)
             seen, _ = self.env.reset(seed=seed, **given)
-            return self._reader.view(seen, goal)
-        with _global_random(None):
-            np.random.seed(seed)
-            random.seed(seed)
-            seen, _ = self.env.reset(seed=seed, **given)
-            self._random = _states()
+            self._random = _states() if self._seeds_global else None
+        self._warned = self._warnings()
         return self._reader.view(seen, goal)
+
+    def broke_down(self) -> bool:
+        """Whether MuJoCo found the state of this episode broken, and began anew by itself."""
+        return self._warnings() > self._warned
+
+    def _warnings(self) -> int:
+        data = getattr(self.env.unwrapped, "data", None)
+        if not isinstance(data, mujoco.MjData):
+            return 0
+        return int(data.warning.number[_BROKEN].sum())
 
     def step(self, action: np.ndarray) -> tuple[View, bool, bool, Mapping[str, Any]]:
         """The view after an action [A], whether the environment terminated or truncated, info."""

@@ -23,6 +23,10 @@ _OPTIONS = {
     "train_options": dict,
     "test_options": dict,
 }
+_ESTIMATED = (
+    "its spaces are estimated from random episodes; `python launch/fit.py` shows them, and writes "
+    "them to a file to edit"
+)
 _NOT_JSON = "{word}: what follows the ? is no JSON object: {error}"
 _NO_OPTION = "{word}: there is no option {name!r}; there are {names}"
 _WRONG = "{word}: its option {name} is {value!r}; it takes {wanted}"
@@ -117,9 +121,8 @@ def _named(
         "package": _package(world),
         "settings": entry.settings.as_json(),
     }
-    return fitted.FittedEntry(
-        **{**_fields(entry), "name": _name(plain, options), "word": word, "origin": origin}
-    )
+    own = {"name": _name(plain, options), "word": word, "origin": origin}
+    return fitted.FittedEntry(**{**_fields(entry), **own, "notes": (*entry.notes, _ESTIMATED)})
 
 
 def _fields(entry: fitted.FittedEntry) -> dict[str, Any]:

@@ -39,6 +39,7 @@ def trained(tmp_path_factory) -> Path:
     words = (f"--task={POINT}", ARGS, *_SMALL, "--seeds=2", "--periods=1", "--workers=2")
     done = program("run", folder, *words, "--novideo")
     assert done.returncode == 0, done.stdout + done.stderr
+    assert "its spaces are estimated from random episodes" in done.stdout
     return folder
 
 

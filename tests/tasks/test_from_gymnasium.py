@@ -3,6 +3,7 @@
 import random
 
 import gymnasium
+import mujoco
 import numpy as np
 import pytest
 
@@ -183,6 +184,36 @@ def test_numbers_that_are_not_finite_are_a_divergence_and_keep_the_last_that_wer
     assert after.diverged.all() and not after.failed.any()
     np.testing.assert_array_equal(after.observation, before.observation)
     assert not env.reset(SEEDS).diverged.any()
+
+
+def test_a_simulation_that_mujoco_begins_anew_has_diverged():
+    class Blown(toys.Point):
+        """Its physics blows up in the fourth step; MuJoCo then resets it and goes on."""
+
+        def __init__(self):
+            super().__init__()
+            xml = (
+                "<mujoco><worldbody><body><freejoint/><geom size='1'/></body></worldbody></mujoco>"
+            )
+            self.model = mujoco.MjModel.from_xml_string(xml)
+            self.data = mujoco.MjData(self.model)
+
+        def reset(self, **options):
+            mujoco.mj_resetData(self.model, self.data)
+            return super().reset(**options)
+
+        def step(self, action):
+            if self.steps == 3 and self.np_random.bit_generator.seed_seq.entropy == 5:
+                self.data.qvel[0] = np.inf
+            mujoco.mj_step(self.model, self.data)
+            return super().step(action)
+
+    env = tasks.from_gymnasium(Blown, 2, max_steps=9)
+    env.reset(np.array([4, 5]))
+    steps = [env.step(np.zeros((2, 2))) for _ in range(4)]
+    assert [step.diverged.tolist() for step in steps[2:]] == [[False, False], [False, True]]
+    assert np.isfinite(steps[-1].observation).all()
+    assert not env.reset(np.array([4, 6])).diverged.any()
 
 
 def test_options_of_resets_make_the_test_starts():
