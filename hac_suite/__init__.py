@@ -8,7 +8,7 @@ from hac_suite.state import SeedState
 from hac_suite.training.callback import Boundary, Callback, LostSeed, Progress
 from hac_suite.training.evaluation import EpisodeStats, run_episodes
 from hac_suite.training.loop import DIAGNOSTICS, PeriodResult, train
-from hac_suite.types import Spaces, VectorEnv
+from hac_suite.types import EnvStep, GoalSpace, Spaces, VectorEnv
 from hac_suite.values import q_values
 
 __all__ = [
@@ -17,7 +17,9 @@ __all__ = [
     "Boundary",
     "Callback",
     "Config",
+    "EnvStep",
     "EpisodeStats",
+    "GoalSpace",
     "LostSeed",
     "Outcome",
     "PeriodResult",

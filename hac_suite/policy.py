@@ -30,7 +30,7 @@ def as_actor(network: StackedMLP, spec: LevelSpec) -> Actor:
         if rows not in inputs:
             inputs[rows] = torch.ones(rows, width + ALIGNED - width % ALIGNED)
         block = inputs[rows].numpy()
-        block[:, :observations] = observation / spec.observation_scale
+        block[:, :observations] = spec.scaled(observation)
         block[:, observations:width] = spec.goal_space.normalise(goal)
         stacked = inputs[rows].view(seeds, rows // seeds, -1)[..., : width + 1]
         output = in_whole_registers(torch.tanh, network.forward(stacked.transpose(1, 2)))

@@ -33,7 +33,11 @@ class GoalSpace(Protocol):
 
 
 class EnvStep(Protocol):
-    """What N environments show after a reset or a step; fresh arrays, natural units."""
+    """What N environments show after a reset or a step; fresh arrays, natural units.
+
+    It may also have `failed`, bool [N]: the environment ended the episode with this step, and not
+    at its goal. See `failed`.
+    """
 
     @property
     def observation(self) -> np.ndarray: ...  # [N, D]
@@ -51,8 +55,22 @@ class EnvStep(Protocol):
     def diverged(self) -> np.ndarray: ...  # bool [N]
 
 
+def failed(step: EnvStep) -> np.ndarray:
+    """Where the environment ended the episode in failure, a robot that fell: bool [N].
+
+    Such a step is learnt from, unlike one that diverged: no goal is achieved by it, and no return
+    is worse. Environments whose steps do not say `failed` never fail.
+    """
+    said = getattr(step, "failed", None)
+    return np.zeros(len(step.diverged), bool) if said is None else said
+
+
 class Spaces(Protocol):
-    """What an agent needs to know of a task: a `VectorEnv` says it, and a task's spec."""
+    """What an agent needs to know of a task: a `VectorEnv` says it, and a task's spec.
+
+    It may also have `observation_offset` [D], which is subtracted from observations before they
+    are divided by their scale; without it nothing is.
+    """
 
     @property
     def observation_scale(self) -> np.ndarray: ...  # [D]
@@ -98,21 +116,30 @@ class LevelSpec(NamedTuple):
     goal_space: GoalSpace  # what it is asked for: the end goal at the top, subgoals below
     action_dim: int
     attempts: int  # T_i
+    observation_offset: np.ndarray | None = None  # [D]; None: nothing is subtracted
 
     @property
     def observation_dim(self) -> int:
         return len(self.observation_scale)
 
+    def scaled(self, observation: np.ndarray) -> np.ndarray:
+        """Observations [..., D] in natural units as networks see them, about [-1, 1]."""
+        if self.observation_offset is not None:
+            observation = observation - self.observation_offset
+        return observation / self.observation_scale
+
 
 def level_specs(spaces: Spaces, horizons: tuple[int, ...]) -> tuple[LevelSpec, ...]:
     """Levels with T_i = horizons[i]; level 0 acts, the last pursues the end goal."""
     top = len(horizons) - 1
+    offset = getattr(spaces, "observation_offset", None)
     return tuple(
         LevelSpec(
             observation_scale=np.asarray(spaces.observation_scale, np.float64),
             goal_space=spaces.goal_space if level == top else spaces.subgoal_space,
             action_dim=len(spaces.action_low) if level == 0 else spaces.subgoal_space.dim,
             attempts=attempts,
+            observation_offset=offset if offset is None else np.asarray(offset, np.float64),
         )
         for level, attempts in enumerate(horizons)
     )

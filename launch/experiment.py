@@ -80,7 +80,7 @@ def run(request: Request, command: Sequence[str], *, work=worker.train_job) -> i
         _lock(there, held)
         found = _interrupted(launch, there)  # what is refused is refused before a folder is made
         _lock([folder for folder in folders.values() if folder not in there], held)
-        for line in _short(request):
+        for line in (*_notes(request), *_short(request)):
             launch.say(line)
         recorder = _recorder(launch, command)
         _train(launch, recorder, _prepare(launch, recorder, found), work)
@@ -88,6 +88,13 @@ def run(request: Request, command: Sequence[str], *, work=worker.train_job) -> i
             summary.present(folders.values(), request, launch.console, stop)
         recorder.close(stopped=stop.number is not None)
         return _conclude(launch, recorder)
+
+
+def _notes(request: Request) -> Iterator[str]:
+    """What there is to know of how a task is handled."""
+    for task in request.tasks:
+        for note in getattr(tasks.find(task), "notes", ()):
+            yield f"note: {task}: {note}"
 
 
 def _short(request: Request) -> Iterator[str]:
@@ -168,7 +175,7 @@ def _manifest(folder: RunFolder, request: Request) -> manifest.Manifest:
         str(layers): list(hac_suite.horizons(max_steps, layers, {**own, **request.attempts}))
         for layers in request.subgoal_layers
     }
-    if own_file := manifest.task_file(tasks.find(folder.task).word):
+    if own_file := manifest.task_file(tasks.find(folder.task)):
         wanted["task_file"] = own_file
     found = manifest.read(folder.manifest)
     if found is None:

@@ -46,7 +46,7 @@ def main(argv: Sequence[str]) -> int:
 
 
 def _play(values: flags.FlagValues) -> int:
-    task = lists.task(values.task)
+    task = lists.task(lists.task_word(values))
     output = _output(values)
     found = _choose(values, task)
     word = tasks.find(lists.task(found[0].task)).word
@@ -68,7 +68,7 @@ def _play(values: flags.FlagValues) -> int:
 
 def _flags() -> flags.FlagValues:
     values = flags.FlagValues()
-    flags.DEFINE_string("task", "pick_place", "which task, or path/to/file.py:name", values)
+    lists.define_task(values, "pick_place", lists.ANY_TASK)
     program.define_count(values, "subgoal_layers", 2, "which agent", least=0)
     flags.DEFINE_string(
         "run", None, "run folder; if not given, runs/TASK, or published policies", values
@@ -99,7 +99,7 @@ def _choose(values: flags.FlagValues, task: str) -> list[policies.Found]:
     found, where = policies.of_task(task, run, typed=bool(values["task"].present))
     chosen = policies.choose(found, where, values.subgoal_layers, values.seed)
     if where == policies.PUBLISHED:
-        print(f"{Path('runs', values.task)} holds no policies: playing the published one")
+        print(f"{Path('runs', task)} holds no policies: playing the published one")
     return chosen
 
 

@@ -54,7 +54,7 @@ def main(argv: Sequence[str]) -> int:
 
 
 def _record(values: flags.FlagValues) -> None:
-    task = lists.task(values.task)
+    task = lists.task(lists.task_word(values))
     run = Path("runs", task)
     folder = run / names.POLICIES if values.policies is None else Path(values.policies)
     found = [policy for policy in policies.find(folder) if policy.task == task]
@@ -67,7 +67,7 @@ def _record(values: flags.FlagValues) -> None:
 
 def _flags() -> flags.FlagValues:
     values = flags.FlagValues()
-    flags.DEFINE_string("task", "pick_place", "which task", values)
+    lists.define_task(values, "pick_place", lists.ANY_TASK)
     flags.DEFINE_string("policies", None, "their folder; if not given, runs/TASK/policies", values)
     flags.DEFINE_string("output", None, "folder for the files; if not given, runs/TASK", values)
     program.define_count(values, "episodes", EPISODES, "test episodes of each policy", least=1)

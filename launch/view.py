@@ -43,7 +43,8 @@ def main(argv: Sequence[str]) -> int:
 
 def _view(values: flags.FlagValues) -> int:
     serving.check()
-    task = lists.task(values.task)
+    word = lists.task_word(values)
+    task = lists.task(word)
     run = None if values.run is None else Path(values.run)
     typed = values["task"].present
     found, where = policies.of_task(task, run, typed=bool(typed))
@@ -52,7 +53,7 @@ def _view(values: flags.FlagValues) -> int:
         serving.serve(
             found,
             chosen,
-            word=values.task if chosen.task == task else lists.task(chosen.task),
+            word=word if chosen.task == task else lists.task(chosen.task),
             address=serving.Address(values.host, values.port),
             stop=stop,
         )
@@ -61,7 +62,7 @@ def _view(values: flags.FlagValues) -> int:
 
 def _flags() -> flags.FlagValues:
     values = flags.FlagValues()
-    flags.DEFINE_string("task", "pick_place", "which task, or path/to/file.py:name", values)
+    lists.define_task(values, "pick_place", lists.ANY_TASK)
     program.define_count(values, "subgoal_layers", 2, "which agent to begin with", least=0)
     flags.DEFINE_string(
         "run", None, "run folder; if not given, runs/TASK, or published policies", values

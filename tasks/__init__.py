@@ -6,21 +6,28 @@ registers every task with Gymnasium as "HACSuite/<Name>-v0".
 """
 
 from tasks import to_gymnasium
-from tasks.finding import ALL, find, load, load_vector, spec
+from tasks.finding import ALL, find, load, load_vector, spec, unfitted
+from tasks.from_gymnasium import from_gymnasium
 from tasks.goal_space import GoalSpace
 from tasks.task_spec import TaskSpec
 from tasks.vector import VectorEnv, VectorStep
+from tasks.worlds.fitted import Unfitted
+from tasks.worlds.words import compose as gym_word
 
 __all__ = [
     "ALL",
     "GoalSpace",
     "TaskSpec",
+    "Unfitted",
     "VectorEnv",
     "VectorStep",
     "find",
+    "from_gymnasium",
+    "gym_word",
     "load",
     "load_vector",
     "spec",
+    "unfitted",
 ]
 
 to_gymnasium.register_all(ALL)

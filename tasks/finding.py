@@ -1,4 +1,4 @@
-"""From a word to a task: a registered name, or a task in a file of one's own."""
+"""From a word to a task: a registered name, a file of one's own, a Gymnasium environment."""
 
 import difflib
 import functools
@@ -23,14 +23,21 @@ from tasks.families import pick_place  # noqa: F401
 from tasks import registry
 from tasks.task_spec import TaskSpec
 from tasks.vector import VectorEnv
+from tasks.worlds import fitted, settings, words
 
 ALL: tuple[str, ...] = tuple(registry.names())
 
 _UNKNOWN = "unknown task {word!r}: {remedy}"
-_ANY = "it is one of {names}, or path/to/file.py:name"
+_ANY = "it is one of {names}, path/to/file.py:name, gym:ID, gym:module:ID, or settings.toml"
 _NO_NAME = "task file {path}: say which of its tasks, as in {path}:{name}"
 _NO_FILE = "task file {path}: there is no such file"
 _BROKEN = "task file {path}{where}: {error}"
+_NO_SETTINGS = (
+    "settings {path}: there is no such file; `python launch/fit.py --task=...` writes one"
+)
+_SETTINGS_NAME = (
+    "settings {path}: a task of the suite is called {name!r}; give the file another name"
+)
 _NOT_THERE = "task file {path} registers no task {name!r}: {remedy}"
 
 
@@ -41,7 +48,9 @@ def find(word: str) -> registry.Entry:
         task.spec.max_steps, task.load(seed=0), task.load_vector(64)
 
     Args:
-      word: the name of a registered task; or `path/to/file.py:name`, a task that a Python file of
+      word: the name of a registered task; `gym:ID` or `gym:module:ID`, a Gymnasium environment (see
+        `tasks.from_gymnasium`); `path/to/settings.toml`, which `launch/fit.py` writes for a task;
+        or `path/to/file.py:name`, a task that a Python file of
         one's own registers as the suite's files do, with `tasks.registry.add`. The file is run
         once in a process. Its tasks cannot collide with the suite's: their name is the file's, a
         dash, and their own. In that process the name then finds the task as well.
@@ -104,8 +113,7 @@ def _in_a_file(word: str) -> registry.Entry | None:
         raise ValueError(_NO_FILE.format(path=path))
     found = _tasks_of(Path(path).resolve())
     if name in found:
-        _FOUND[found[name].name] = found[name]
-        return found[name]
+        return _remembered(found[name])
     if not name and found:
         raise ValueError(_NO_NAME.format(path=path, name=next(iter(found))))
     remedy = _did_you_mean(name, found) or (
@@ -114,11 +122,59 @@ def _in_a_file(word: str) -> registry.Entry | None:
     raise ValueError(_NOT_THERE.format(path=path, name=name, remedy=remedy))
 
 
+def _in_gymnasium(word: str) -> registry.Entry | None:
+    """The environment of `gym:ID`; None for words of another form."""
+    entry = words.look(word)
+    return entry and _remembered(entry)
+
+
+def _with_settings(word: str) -> registry.Entry | None:
+    """The task of a file of settings, `NAME.toml`; None for words of another form."""
+    if not word.endswith(".toml"):
+        return None
+    path = Path(word)
+    if not path.is_file():
+        raise ValueError(_NO_SETTINGS.format(path=word))
+    own, found = settings.from_toml(path.read_text(encoding="utf-8"), word)
+    if path.stem in registry.names():
+        raise ValueError(_SETTINGS_NAME.format(path=word, name=path.stem))
+    try:
+        if words.is_one(own):
+            return _remembered(
+                words.with_settings(own, found, name=path.stem, source=str(path.resolve()))
+            )
+        return _remembered(
+            fitted.of_task(find(own), found, name=path.stem, word=str(path.resolve()))
+        )
+    except ValueError as error:
+        raise ValueError(f"{word}: {error}") from error
+
+
+def unfitted(word: str) -> fitted.Unfitted:
+    """The task that a word names, before spaces are estimated for it: what `launch/fit.py` takes.
+
+    Raises:
+      ValueError: as `find`.
+    """
+    if word.endswith(".toml") and Path(word).is_file():
+        word, _ = settings.from_toml(Path(word).read_text(encoding="utf-8"), word)
+    if words.is_one(word):
+        return words.unfitted(word)
+    return fitted.unfitted_task(find(word))
+
+
+def _remembered(entry: registry.Entry) -> registry.Entry:
+    _FOUND[entry.name] = entry
+    return entry
+
+
 # What can answer a word, asked in turn. Words of another form get a function of their own here,
 # which returns None for words that are not of its form.
 _LOOKS: tuple[Callable[[str], registry.Entry | None], ...] = (
     registry.get,
     _in_a_file,
+    _in_gymnasium,
+    _with_settings,
     lambda word: _FOUND.get(word),
 )
 _FOUND: dict[str, registry.Entry] = {}  # in files of one's own, by name

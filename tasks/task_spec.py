@@ -25,6 +25,7 @@ class TaskSpec:
       subgoal_space: the space of subgoals, H dimensions.
       observation: the parts of the observation, in their order: by name, what each number of the
         part is divided by to come out about [-1, 1].
+      offset: what is subtracted from each number of the observation first, [D]; () is nothing.
       action_bounds: the least and the most that each motor takes, [A] each, in natural units.
       horizons: by number of subgoal layers, the attempts (T_0, ..., T_n) that suit this task
         better than equal ones.
@@ -38,6 +39,7 @@ class TaskSpec:
     observation: Mapping[str, Sequence[float] | np.ndarray]
     action_bounds: tuple[npt.ArrayLike, npt.ArrayLike]
     horizons: Mapping[int, tuple[int, ...]] = dataclasses.field(default_factory=dict)
+    offset: Sequence[float] = ()
 
     def __post_init__(self):
         if not self.control_timestep > 0 or not self.max_steps >= 1:
@@ -52,6 +54,10 @@ class TaskSpec:
         object.__setattr__(self, "observation", parts)
         if not self.observation_dim or not (self.observation_scale > 0).all():
             raise ValueError(f"what observations are divided by must be above 0, got {parts}")
+        if len(self.offset) not in (0, self.observation_dim):
+            raise ValueError(
+                f"offset has {len(self.offset)} numbers, observations {self.observation_dim}"
+            )
         low, high = map(_read_only, self.action_bounds)
         object.__setattr__(self, "action_bounds", (low, high))
         if low.ndim != 1 or low.shape != high.shape or not low.size or not (low < high).all():
@@ -83,6 +89,11 @@ class TaskSpec:
     def observation_scale(self) -> np.ndarray:
         """[D] what observations are divided by to come out about [-1, 1]."""
         return np.array([number for scale in self.observation.values() for number in scale])
+
+    @property
+    def observation_offset(self) -> np.ndarray | None:
+        """[D] what is subtracted from observations before that; None: nothing is."""
+        return np.array(self.offset, np.float64) if len(self.offset) else None
 
     @property
     def observation_names(self) -> tuple[str, ...]:

@@ -1,5 +1,7 @@
 """The Gymnasium face: each task as a goal environment that other libraries can train on."""
 
+import copy
+import os
 from collections.abc import Iterable, Mapping
 from typing import Any
 
@@ -8,18 +10,19 @@ import numpy as np
 
 from tasks import finding
 from tasks.goal_space import GoalSpace
+from tasks.vector import VectorEnv
 
 _NAMESPACE = "HACSuite"
 _VERSION = "v0"
 _ACRONYMS = {"ur5": "UR5"}  # words of task names that are not capitalised like others
-_OBSERVED = ("observation", "achieved_goal", "desired_goal")
+OBSERVED = ("observation", "achieved_goal", "desired_goal")
 _OPTIONS = ("test",)
-_SEEDS = 2**32  # episode seeds lie in [0, 2**32)
+SEEDS = 2**32  # episode seeds lie in [0, 2**32)
 _NO_OPTION = "reset() has no option {name!r}; its options are {options}"
 _NOT_A_BOOLEAN = "reset() takes test=True or test=False, got {value!r}"
-_NO_COPY = (
-    "a GoalEnv holds a running MuJoCo simulation, which cannot be copied or pickled; "
-    "make another with gymnasium.make(...), in the process that needs it"
+_NO_GL = (
+    "rendering failed ({error}). Without a display it needs MUJOCO_GL=egl (or osmesa) in the "
+    "environment before Python starts{now}; `python launch/doctor.py` says what works here"
 )
 
 
@@ -52,26 +55,14 @@ class GoalEnv(gymnasium.Env):
         Raises:
           ValueError: unknown task or render mode.
         """
-        if render_mode not in (None, *self.metadata["render_modes"]):
-            raise ValueError(f"render_mode must be None or 'rgb_array', got {render_mode!r}")
+        check_render_mode(render_mode)
+        self._name = name
         self._env = finding.load_vector(name, 1)
         self._test = test
         self.render_mode = render_mode
         self.metadata = {**self.metadata, "render_fps": round(1 / self._env.control_timestep)}
-        self.action_space = gymnasium.spaces.Box(
-            -1.0, 1.0, shape=self._env.action_low.shape, dtype=np.float32
-        )
-        sizes = {
-            "observation": self._env.observation_dim,
-            "achieved_goal": self._env.goal_space.dim,
-            "desired_goal": self._env.goal_space.dim,
-        }
-        self.observation_space = gymnasium.spaces.Dict(
-            {
-                key: gymnasium.spaces.Box(-np.inf, np.inf, (n,), np.float64)
-                for key, n in sizes.items()
-            }
-        )
+        self.action_space = action_space(self._env)
+        self.observation_space = observation_space(self._env)
 
     @property
     def goal_space(self) -> GoalSpace:
@@ -106,9 +97,9 @@ class GoalEnv(gymnasium.Env):
         Raises:
           ValueError: an option that there is not, or one that is neither true nor false.
         """
-        test = _options(options).get("test", self._test)
+        test = checked_options(options).get("test", self._test)
         super().reset(seed=seed)
-        episode_seed = self.np_random.integers(_SEEDS)
+        episode_seed = self.np_random.integers(SEEDS)
         step = self._env.reset(np.array([episode_seed]), test=test)
         return self._observation(step), self._info(step)
 
@@ -134,18 +125,23 @@ class GoalEnv(gymnasium.Env):
 
     def render(self) -> np.ndarray | None:
         """A picture of the scene, uint8 [480, 640, 3], in render mode "rgb_array"."""
-        return None if self.render_mode is None else self._env.render(0)
+        return None if self.render_mode is None else picture(self._env, 0)
 
     def close(self) -> None:
         """Frees the simulation."""
         self._env.close()
 
-    def __reduce_ex__(self, protocol: Any) -> Any:
-        """Raises TypeError: `copy` and `pickle` would leave the simulation behind."""
-        raise TypeError(_NO_COPY)
+    def __reduce__(self) -> Any:
+        """A copy, also in another process, goes on from where this environment stands."""
+        made = (self._name, self._test, self.render_mode)
+        return _stand_in, made, (self._env.snapshot(), self._np_random, self._np_random_seed)
+
+    def __setstate__(self, state: Any) -> None:
+        snapshot, self._np_random, self._np_random_seed = copy.deepcopy(state)
+        self._env.restore(snapshot)
 
     def _observation(self, step) -> dict[str, np.ndarray]:
-        return {key: getattr(step, key)[0] for key in _OBSERVED}
+        return {key: getattr(step, key)[0] for key in OBSERVED}
 
     def _info(self, step) -> dict[str, Any]:
         diverged = bool(step.diverged[0])
@@ -169,12 +165,56 @@ def register_all(names: Iterable[str]) -> None:
         gymnasium.register(
             id=environment_id(name),
             entry_point="tasks.to_gymnasium:GoalEnv",
+            vector_entry_point="tasks.to_gymnasium_vector:GoalVectorEnv",
             max_episode_steps=finding.spec(name).max_steps,
             kwargs={"name": name},
         )
 
 
-def _options(options: Mapping[str, Any] | None) -> Mapping[str, Any]:
+def _stand_in(name: str, test: bool, render_mode: str | None) -> GoalEnv:
+    """The environment that a copy becomes."""
+    return GoalEnv(name, test=test, render_mode=render_mode)
+
+
+def check_render_mode(render_mode: str | None) -> None:
+    """Raises ValueError for a mode that there is not."""
+    if render_mode not in (None, *GoalEnv.metadata["render_modes"]):
+        raise ValueError(f"render_mode must be None or 'rgb_array', got {render_mode!r}")
+
+
+def action_space(env: VectorEnv) -> gymnasium.spaces.Box:
+    """One environment's actions."""
+    return gymnasium.spaces.Box(-1.0, 1.0, shape=env.action_low.shape, dtype=np.float32)
+
+
+def observation_space(env: VectorEnv) -> gymnasium.spaces.Dict:
+    """One environment's observations."""
+    sizes = {
+        "observation": env.observation_dim,
+        "achieved_goal": env.goal_space.dim,
+        "desired_goal": env.goal_space.dim,
+    }
+    return gymnasium.spaces.Dict(
+        {key: gymnasium.spaces.Box(-np.inf, np.inf, (n,), np.float64) for key, n in sizes.items()}
+    )
+
+
+def picture(env: VectorEnv, i: int) -> np.ndarray:
+    """A picture of environment i, uint8 [480, 640, 3].
+
+    Raises:
+      RuntimeError: there is no GL to render with; the message says what to do.
+    """
+    try:
+        return env.render(i)
+    except Exception as error:  # MuJoCo's FatalError, dm_control's and OpenGL's own
+        chosen = os.environ.get("MUJOCO_GL")
+        now = f" (it is {chosen!r})" if chosen else ""
+        reason = " ".join(f"{type(error).__name__}: {error}".split())
+        raise RuntimeError(_NO_GL.format(error=reason, now=now)) from error
+
+
+def checked_options(options: Mapping[str, Any] | None) -> Mapping[str, Any]:
     """The options of a reset, checked."""
     given = options or {}
     for name in given:

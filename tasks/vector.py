@@ -1,7 +1,8 @@
 """Many environments of one task stepped together, bit for bit as Composer steps each of them."""
 
-from collections.abc import Sequence
-from typing import NamedTuple
+import copy
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
@@ -250,6 +251,27 @@ class VectorEnv:
         mujoco.mj_kinematics(self._model, self._physics.data.ptr)
         mujoco.mj_camlight(self._model, self._physics.data.ptr)
         return self._physics.render(height=height, width=width, camera_id=camera).copy()
+
+    def snapshot(self) -> dict[str, Any]:
+        """Where all environments stand: what `restore` of another of this task takes."""
+        return {
+            "data": [copy.copy(data) for data in self._data],
+            "warned": self._warned_at_reset.copy(),
+            "readings": self._readings.copy(),
+            "goals": self._goals.copy(),
+            "diverged": self._diverged.copy(),
+            "seeds": self._seeds.get_state(),
+        }
+
+    def restore(self, snapshot: Mapping[str, Any]) -> None:
+        """Makes all environments stand where those did of which the snapshot is."""
+        for own, data in zip(self._data, snapshot["data"], strict=True):
+            mujoco.mj_copyData(own, self._model, data)
+        self._warned_at_reset[:] = snapshot["warned"]
+        self._readings[:] = snapshot["readings"]
+        self._goals[:] = snapshot["goals"]
+        self._diverged[:] = snapshot["diverged"]
+        self._seeds.set_state(snapshot["seeds"])
 
     def close(self) -> None:
         """Frees the physics and the rendering context; nothing can be used after. Repeatable."""

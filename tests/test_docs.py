@@ -147,9 +147,10 @@ def check_file(path: str, words: list[str]) -> None:
 
 
 def is_a_readers_own(word: str) -> bool:
-    """Whether a flag names a file that only the reader has, in a form that the pages explain."""
+    """Whether a word names a file that only the reader has, in a form that the pages explain."""
     own = r"--(config\.learner|task)=(path/to/\w+\.py|FILE\.py):\w+"
-    return bool(re.fullmatch(own, word))
+    begun = r"(--task=)?arm_reach\.py:arm_reach|path/to/\w+\.(xml|py:\w+)|--task=[\w-]+_fit\.toml"
+    return bool(re.fullmatch(f"{own}|{begun}", word))
 
 
 def check_words(program: str, words: list[str]) -> None:

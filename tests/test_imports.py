@@ -39,6 +39,7 @@ ROOMS = {
     "launch/viewing": {"asking", "folder", "jobs", "pictures"},
     "tasks/families": {".", "robots"},
     "tasks/robots": {"."},
+    "tasks/worlds": {"."},
 }
 # What a house's own files may import of its rooms; everything, where a house is not named.
 OWN_FILES = {
@@ -51,6 +52,10 @@ OWN_FILES = {
 }
 EXCEPTIONS = {
     "tasks/to_gymnasium.py": {"gymnasium"},
+    "tasks/to_gymnasium_vector.py": {"gymnasium"},
+    "tasks/from_gymnasium.py": {"gymnasium"},
+    "tasks/worlds/lanes.py": {"gymnasium"},
+    "tasks/worlds/making.py": {"gymnasium"},
     "launch/jobs/on_ray.py": {"ray"},
     "launch/pictures/stage.py": {"mujoco"},  # bodies as they are compiled
     "launch/viewing/live.py": {"glfw"},  # asked whether there is a display

@@ -12,7 +12,7 @@ import numpy as np
 from hac_suite.algorithm import exploration
 from hac_suite.algorithm.record import BY_EPISODE, Outcome, Round
 from hac_suite.config import Config
-from hac_suite.types import Actor, EnvStep, Spaces, VectorEnv
+from hac_suite.types import Actor, EnvStep, Spaces, VectorEnv, failed
 
 
 class StepView(NamedTuple):
@@ -104,7 +104,11 @@ class Hierarchy:
         return self._centre + self._half_range * self._output[0]
 
     def follow(self, time: int, state: EnvStep, *, last: bool) -> None:
-        """Takes note of the state that the actions of `time` led to; `last`: the horizon is up."""
+        """Takes note of the state that the actions of `time` led to; `last`: the horizon is up.
+
+        An end goal that has moved is judged, and pursued, where it is now.
+        """
+        self.goal[self._top][self._active] = state.desired_goal[self._active]
         reached = self._reached(state)
         self._count(reached[self._top], state)
         self._finish(time, state, reached, last)
@@ -161,7 +165,7 @@ class Hierarchy:
 
     def _reached(self, state: EnvStep) -> list[np.ndarray]:
         """Per level bool [N]: the goal it pursues holds now, in an environment still running."""
-        running = self._active & ~state.diverged
+        running = self._active & ~state.diverged & ~failed(state)
         return [
             space.achieved(self._achieved(level, state), goal) & running
             for level, (space, goal) in enumerate(zip(self._spaces, self.goal, strict=True))
@@ -173,13 +177,14 @@ class Hierarchy:
     def _finish(self, time: int, state: EnvStep, reached: list[np.ndarray], last: bool) -> None:
         """Completes attempts and segments, from the bottom up, and ends episodes."""
         completed = self._active & ~state.diverged
+        lost = completed & failed(state)
         reached_here_or_above = list(np.logical_or.accumulate(reached[::-1]))[::-1]
         exhausted = np.zeros_like(completed)
         for level in range(self._top + 1):
             self.attempts[level] += completed
             used_all = completed & (self.attempts[level] >= self._horizons[level])
             gives_up = used_all if self._held_to_attempts or level < self._top else last & used_all
-            ends = completed & (reached_here_or_above[level] | gives_up | last)
+            ends = completed & (reached_here_or_above[level] | gives_up | lost | last)
             if level:
                 self._judge(level, completed, exhausted, reached, state)
             if self._draws is not None:
@@ -193,6 +198,7 @@ class Hierarchy:
                     outcome=self._outcome[level],
                     tested=self._tested[level],
                     segment_end=ends,
+                    failed=lost,
                 )
             # A last attempt that was cut short leaves open what it would have come to.
             exhausted = used_all & (self._outcome[level] != Outcome.CUT_SHORT)
@@ -227,7 +233,7 @@ class Hierarchy:
     def _end_episodes(
         self, state: EnvStep, succeeded: np.ndarray, gives_up: np.ndarray, last: bool
     ) -> None:
-        over = state.diverged | gives_up | last
+        over = state.diverged | failed(state) | gives_up | last
         if self._config.continue_after_goal and self._draws is not None:
             over = np.where(succeeded, last, over)
             self.attempts[self._top][succeeded] = 0

@@ -36,6 +36,7 @@ class LevelRecord(NamedTuple):
     outcome: np.ndarray  # int: an Outcome, of the proposed subgoal (levels > 0)
     tested: np.ndarray  # bool: it was a subgoal test, its own or a higher level's
     segment_end: np.ndarray  # bool: the level's goal was given up or achieved here
+    failed: np.ndarray  # bool: the environment ended the episode here, in failure
 
     @classmethod
     def empty(cls, horizon: int, output: np.ndarray, goal: np.ndarray) -> "LevelRecord":
@@ -53,6 +54,7 @@ class LevelRecord(NamedTuple):
             outcome=np.zeros((horizon, len(output)), np.int8),
             tested=flags(),
             segment_end=flags(),
+            failed=flags(),
         )
 
     def write(self, time: int, **entries: np.ndarray) -> None:

@@ -24,6 +24,13 @@ class Transitions(NamedTuple):
     discount: np.ndarray  # [M]: gamma_g, 0 where the goal was achieved
 
 
+class _Terms(NamedTuple):
+    """What a level's transitions are worth."""
+
+    discount: float  # gamma, where something follows
+    attempts: int  # T_i
+
+
 class _Attempts(NamedTuple):
     """The completed attempts of one level, in order of environment, then time."""
 
@@ -33,6 +40,7 @@ class _Attempts(NamedTuple):
     action: np.ndarray  # achieved, or the hindsight action
     goal: np.ndarray
     reached: np.ndarray
+    failed: np.ndarray  # the environment ended the episode with it, in failure
 
 
 def build(
@@ -54,14 +62,16 @@ def build(
     built = []
     for level, record in enumerate(recorded.levels):
         attempts = _attempts(recorded, record, level, config, subgoal_space)
-        parts = [_regular(recorded, attempts, config.discount)]
+        terms = _Terms(config.discount, horizons[level])
+        parts = [_regular(recorded, attempts, terms)]
         if level:
-            parts.append(_penalties(recorded, record, attempts, horizons[level], config))
+            parts.append(_penalties(recorded, record, attempts, terms, config))
         if config.hindsight_goals:
             achieved = recorded.achieved_goal if level == top else recorded.achieved_subgoal
             space = goal_space if level == top else subgoal_space
             draws = hindsight_draws[level]
-            parts.append(_hindsight(recorded, record, attempts, achieved, space, draws, config))
+            own = (achieved, space, draws, terms, config)
+            parts.append(_hindsight(recorded, record, attempts, *own))
         built.append(Transitions(*map(np.concatenate, zip(*parts, strict=True))))
     return built
 
@@ -94,12 +104,13 @@ def _attempts(
         action=action,
         goal=record.goal[time, env],
         reached=record.reached[time, env],
+        failed=record.failed[time, env],
     )
 
 
-def _regular(recorded: Round, attempts: _Attempts, discount: float) -> Transitions:
+def _regular(recorded: Round, attempts: _Attempts, terms: _Terms) -> Transitions:
     """Did the attempt, as achieved, achieve the level's goal?"""
-    return _transitions(recorded, attempts, REGULAR, attempts.goal, attempts.reached, discount)
+    return _transitions(recorded, attempts, REGULAR, attempts.goal, attempts.reached, terms)
 
 
 def _transitions(
@@ -108,31 +119,36 @@ def _transitions(
     kind: int,
     goal: np.ndarray,
     reached: np.ndarray,
-    discount: float,
+    terms: _Terms,
 ) -> Transitions:
+    """Rewards are 0 where the goal is achieved, -1 where not, and nothing follows the former.
+
+    After a failure nothing follows either, so that -1 would make it better than to live on: it is
+    worth -T_i, the worst that T_i attempts can come to, as a subgoal out of reach is.
+    """
+    missed = np.where(attempts.failed, -float(terms.attempts), -1.0)
     return Transitions(
         env=attempts.env,
         kind=np.full(len(attempts.env), kind),
         observation=recorded.observation[attempts.start, attempts.env],
         action=attempts.action,
-        reward=np.where(reached, 0.0, -1.0),
+        reward=np.where(reached, 0.0, missed),
         next_observation=recorded.observation[attempts.time + 1, attempts.env],
         goal=goal,
-        discount=np.where(reached, 0.0, discount),
+        discount=np.where(reached | attempts.failed, 0.0, terms.discount),
     )
 
 
 def _penalties(
-    recorded: Round, record: LevelRecord, attempts: _Attempts, t_i: int, config: Config
+    recorded: Round, record: LevelRecord, attempts: _Attempts, terms: _Terms, config: Config
 ) -> Transitions:
     """The proposed subgoal itself, at -T_i and gamma = 0, where it failed its test."""
     failed = penalised(record, config)[attempts.time, attempts.env]
     failures = _Attempts(*(field[failed] for field in attempts))
     failures = failures._replace(action=record.output[failures.time, failures.env])
-    penalties = _transitions(
-        recorded, failures, PENALTY, failures.goal, np.ones(len(failures.env), bool), 0.0
-    )
-    return penalties._replace(reward=np.full(len(failures.env), -float(t_i)))
+    final = np.ones(len(failures.env), bool)
+    penalties = _transitions(recorded, failures, PENALTY, failures.goal, final, terms)
+    return penalties._replace(reward=np.full(len(failures.env), -float(terms.attempts)))
 
 
 def _hindsight(
@@ -142,6 +158,7 @@ def _hindsight(
     achieved: np.ndarray,
     space: GoalSpace,
     draws: np.ndarray,
+    terms: _Terms,
     config: Config,
 ) -> Transitions:
     """Copies of each segment under goals that were achieved within it."""
@@ -156,8 +173,8 @@ def _hindsight(
         new = ~space.achieved(before, goal)
         at, goal = at[new], goal[new]
     copies = _Attempts(*(field[at] for field in attempts))
-    reached = space.achieved(achieved[copies.time + 1, copies.env], goal)
-    return _transitions(recorded, copies, HINDSIGHT, goal, reached, config.discount)
+    reached = space.achieved(achieved[copies.time + 1, copies.env], goal) & ~copies.failed
+    return _transitions(recorded, copies, HINDSIGHT, goal, reached, terms)
 
 
 _Copies = tuple[np.ndarray, np.ndarray, np.ndarray]

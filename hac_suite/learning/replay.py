@@ -45,7 +45,7 @@ class RowLayout(NamedTuple):
             (a, transitions.observation),
             (self.block + a, transitions.next_observation),
         ):
-            rows[:, start : start + o] = observation / spec.observation_scale
+            rows[:, start : start + o] = spec.scaled(observation)
             rows[:, start + o : start + o + goal.shape[1]] = goal
             rows[:, start + o + goal.shape[1]] = 1
         rows[:, -2] = transitions.reward

@@ -1,11 +1,87 @@
 """Flags that name several things at once: tasks, agents, seeds, and the attempts of levels."""
 
+import json
 import re
 from collections.abc import Sequence
+from typing import Any
+
+from absl import flags
 
 import tasks
 from analysis.program import MOST, CommandError
 from analysis.reading import schema
+
+ANY_TASK = (
+    f"{', '.join(tasks.ALL)}, path/to/file.py:name, gym:ID, gym:module:ID, or a .toml of fit.py"
+)
+_WORLD_FLAGS = (
+    "task_args", "goal", "subgoal", "goal_threshold", "max_steps", "train_options", "test_options"
+)  # fmt: skip
+
+
+def define_task(values: flags.FlagValues, default: str | None, help: str) -> None:
+    """Adds --task, and what there is to say of a Gymnasium environment beside its id."""
+    flags.DEFINE_string("task", default, help, values)
+    flags.DEFINE_string(
+        "task_args", None, "gym: keywords of gymnasium.make, '{\"continuing_task\": false}'", values
+    )
+    flags.DEFINE_string(
+        "goal", None, "gym: the goal of an environment without one: obs[0:2], obs[0:2]=1,0", values
+    )
+    flags.DEFINE_string(
+        "subgoal", None, "gym: the subgoal space, if not the goal's: obs[0:4]", values
+    )
+    flags.DEFINE_string(
+        "goal_threshold", None, "gym: how near achieves a goal, in place of compute_reward", values
+    )
+    flags.DEFINE_integer(
+        "max_steps", None, "gym: steps of an episode, if not its own", 1, flag_values=values
+    )
+    for kind in ("train", "test"):
+        flags.DEFINE_string(
+            f"{kind}_options", None, f"gym: options of resets in {kind}ing, as JSON", values
+        )
+
+
+def task_word(values: flags.FlagValues) -> str:
+    """The word that finds the task which the flags of `define_task` name.
+
+    Raises:
+      CommandError: a flag is misspelt, or not for such a task.
+    """
+    word = values.task
+    given: dict[str, Any] = {name: values[name].value for name in _WORLD_FLAGS}
+    given = {name: value for name, value in given.items() if value is not None}
+    if not given:
+        return word
+    if not word.startswith("gym:") or "?" in word:
+        raise CommandError(f"flag --{next(iter(given))}: it is for --task=gym:ID, not for {word}")
+    options: dict[str, Any] = {}
+    for name, value in given.items():
+        if name in ("task_args", "train_options", "test_options"):
+            options["args" if name == "task_args" else name] = _json_object(name, value)
+        elif name == "goal_threshold":
+            options[name] = _amounts(name, value)
+        else:
+            options[name] = value
+    return tasks.gym_word(word, options)
+
+
+def _json_object(name: str, text: str) -> dict[str, Any]:
+    try:
+        found = json.loads(text)
+    except ValueError:
+        found = None
+    if not isinstance(found, dict):
+        raise CommandError(f"flag --{name}={text}: it takes a JSON object, such as '{{\"a\": 1}}'")
+    return found
+
+
+def _amounts(name: str, text: str) -> list[float]:
+    parts = text.split(",")
+    if not all(re.fullmatch(r"\s*\d*\.?\d+(e-?\d+)?\s*", part) and float(part) for part in parts):
+        raise CommandError(f"flag --{name}={text}: it takes numbers above 0, as in 0.1 or 0.1,0.5")
+    return [float(part) for part in parts]
 
 
 def task(word: str) -> str:

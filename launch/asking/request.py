@@ -13,7 +13,6 @@ from absl import flags
 from ml_collections import ConfigDict, config_flags
 
 import hac_suite
-import tasks
 from analysis import program
 from hac_suite.learning import learners
 from hac_suite.learning.learner import Learner
@@ -102,9 +101,7 @@ def config_keys() -> str:
 def define_flags() -> flags.FlagValues:
     """The flags of training, without --config, which `read` adds: it looks at the words."""
     values = flags.FlagValues()
-    flags.DEFINE_string(
-        "task", "pick_place", f"{', '.join(tasks.ALL)}, all, or path/to/file.py:name", values
-    )
+    lists.define_task(values, "pick_place", f"all, {lists.ANY_TASK}")
     flags.DEFINE_string("seeds", "10", "how many, from 0 on; or which: 100-103, or 3,5", values)
     flags.DEFINE_list(
         "subgoal_layers", "0,1,2", "which agents; 0 is DDPG with hindsight", flag_values=values
@@ -159,7 +156,7 @@ def _request(values: flags.FlagValues, settings_given: ConfigDict) -> Request:
     config = settings.to_config(settings_given)
     on_gpu = _learner(config.learner).on_gpu
     return Request(
-        tasks=lists.tasks_named(values.task),
+        tasks=lists.tasks_named(lists.task_word(values)),
         subgoal_layers=layers,
         attempts=lists.attempts(values.T, layers),
         seeds=lists.seeds(values.seeds),

@@ -111,13 +111,34 @@ def _pairs(manifest: Manifest, wanted: Manifest) -> list[tuple[str, Any, Any]]:
         if layers in manifest["horizons"]
     ]
     # Where the task is one of the suite's, the commit says which it was.
-    pairs.append(("task_file", manifest.get("task_file"), wanted.get("task_file")))
-    return [*pairs, ("max_steps", manifest["max_steps"], wanted["max_steps"])]
+    origins = [found.get("task_file") for found in (manifest, wanted)]
+    return [
+        *pairs,
+        *_origin_pairs(*origins),
+        ("max_steps", manifest["max_steps"], wanted["max_steps"]),
+    ]
 
 
-def task_file(word: str) -> dict[str, str] | None:
-    """Which file a task of one's own is in, and what it holds; None for the suite's."""
-    path, _, _ = word.rpartition(":")
+def _origin_pairs(old: Any, new: Any) -> list[tuple[str, Any, Any]]:
+    """Where a task is from, there and here; the spaces that were estimated for it one by one."""
+    spaces = [(own or {}).get("settings", {}) for own in (old, new)]
+    pairs = [
+        (f"{name} (estimated)", spaces[0].get(name), spaces[1].get(name))
+        for name in sorted({*spaces[0], *spaces[1]})
+    ]
+    there, here = [own and {k: v for k, v in own.items() if k != "settings"} for own in (old, new)]
+    return [*pairs, ("task_file", there, here)]
+
+
+def task_file(task: Any) -> dict[str, Any] | None:
+    """Where a task of one's own is from (what `tasks.find` gave); None for the suite's.
+
+    That is its file and what it holds; or a Gymnasium environment, its package and its spaces.
+    """
+    if origin := getattr(task, "origin", None):
+        return origin
+    word = task.word
+    path = word if word.endswith(".toml") else word.rpartition(":")[0]
     if not path:
         return None
     digest = hashlib.sha256(Path(path).read_bytes()).hexdigest()[:16]

@@ -20,6 +20,7 @@ from typing import NamedTuple
 import numpy as np
 
 from hac_suite.config import Config
+from hac_suite.types import failed
 
 Actor = Callable[[np.ndarray, np.ndarray], np.ndarray]  # pi_i: (observation, goal) -> proposal
 
@@ -42,6 +43,7 @@ class State(NamedTuple):
     achieved_subgoal: np.ndarray
     desired_goal: np.ndarray
     diverged: bool  # the simulation blew up on the way here
+    failed: bool = False  # the environment ended the episode here, and not at its goal
 
 
 class Attempt(NamedTuple):
@@ -98,7 +100,7 @@ class RecursiveHac:
         segment: list[Attempt] = []
         for _ in range(self.horizons[level]):
             before = self.state
-            proposal, tested = self.propose(level, goal, under_test)
+            proposal, tested = self.propose(level, self.goals[level], under_test)
             if level == 0:
                 self.act(proposal)
                 finished = True
@@ -123,7 +125,7 @@ class RecursiveHac:
 
     def is_over(self) -> bool:
         """Whether the episode ends here, whatever was achieved."""
-        return self.t == self.env.max_steps or self.state.diverged
+        return self.t == self.env.max_steps or self.state.diverged or self.state.failed
 
     def act(self, action: np.ndarray) -> None:
         """Takes a primitive step."""
@@ -131,6 +133,7 @@ class RecursiveHac:
         half_range = 0.5 * (self.env.action_high - self.env.action_low)
         self.state = first_row(self.env.step((middle + half_range * action)[None]))
         self.t += 1
+        self.goals[self.top] = self.state.desired_goal  # it may have moved
 
     def achieved(self, level: int) -> bool:
         """Whether the state achieves the goal that `level` pursues."""
@@ -229,6 +232,9 @@ class RecursiveHac:
             reward, discount = float(-self.horizons[level]), 0.0
         elif self.holds(level, goal, attempt.after):
             reward, discount = 0.0, 0.0
+        elif attempt.after.failed:
+            # Nothing follows, and -1 would be better than to live on: the worst return there is.
+            reward, discount = float(-self.horizons[level]), 0.0
         s, next_s = attempt.before.observation, attempt.after.observation
         self.stored.append(
             Transition(level, kind, s, attempt.action, reward, next_s, goal, discount)
@@ -241,9 +247,12 @@ class RecursiveHac:
         return state.achieved_goal if level == self.top else state.achieved_subgoal
 
     def holds(self, level: int, goal: np.ndarray, state: State) -> bool:
-        """Whether the state achieves a goal of this level, within its threshold."""
+        """Whether the state achieves a goal of this level, within its threshold.
+
+        Nothing is achieved by failing.
+        """
         space = self.env.goal_space if level == self.top else self.env.subgoal_space
-        return bool(space.achieved(self.project(level, state), goal))
+        return not state.failed and bool(space.achieved(self.project(level, state), goal))
 
 
 def first_row(step) -> State:
@@ -254,4 +263,5 @@ def first_row(step) -> State:
         step.achieved_subgoal[0],
         step.desired_goal[0],
         bool(step.diverged[0]),
+        bool(failed(step)[0]),
     )

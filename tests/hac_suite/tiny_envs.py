@@ -19,6 +19,7 @@ class Step(NamedTuple):
     achieved_subgoal: np.ndarray  # [N, 2]: position
     desired_goal: np.ndarray  # [N, 1]
     diverged: np.ndarray  # [N] bool
+    failed: np.ndarray | None = None  # [N] bool
 
 
 class PointEnv:
@@ -40,8 +41,16 @@ class PointEnv:
         goal_threshold: float = 0.1,
         subgoal_threshold: float = 0.3,
         diverge_at: Mapping[int, int] | None = None,
+        fail_beyond: float = np.inf,
+        drift: float = 0.0,
     ):
-        """`diverge_at` maps an environment to the step (from 0) of each episode that blows up."""
+        """Args that few tests use:
+
+        diverge_at: maps an environment to the step (from 0) of each episode that blows up.
+        fail_beyond: an episode fails with |y - 0.5| above this, but for states at the goal.
+        drift: how far the end goal moves with each step.
+        """
+        self._fail_beyond, self._drift = fail_beyond, drift
         self.num_envs = num_envs
         self.max_steps = max_steps
         # Not centred on 0 and not of unit width, so that a forgotten scaling shows.
@@ -105,6 +114,7 @@ class PointEnv:
         push = PUSH * (np.clip(actions, self.action_low, self.action_high) - middle)
         self._velocity[moving] = FRICTION * self._velocity[moving] + push[moving]
         self._position[moving] += self._velocity[moving]
+        self._goal[moving] += self._drift
         return self._view()
 
     def _view(self) -> Step:
@@ -114,4 +124,9 @@ class PointEnv:
             achieved_subgoal=self._position.copy(),
             desired_goal=self._goal.copy(),
             diverged=self._diverged.copy(),
+            failed=self._failed(),
         )
+
+    def _failed(self) -> np.ndarray:
+        at_goal = self.goal_space.achieved(self._position[:, :1], self._goal)
+        return (np.abs(self._position[:, 1] - 0.5) > self._fail_beyond) & ~at_goal

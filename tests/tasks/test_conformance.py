@@ -8,7 +8,7 @@ from dm_control import composer
 from dm_env import test_utils
 
 import tasks
-from tasks import base, markers
+from tasks import base, check, markers
 from tests.tasks import scripted
 
 _EVERY_TASK = pytest.mark.parametrize("name", tasks.ALL)
@@ -73,6 +73,13 @@ def test_what_the_spec_says_is_what_was_compiled(name):
     for field in ("max_steps", "control_timestep", "goal_space", "subgoal_space", "horizons"):
         assert getattr(env, field) is getattr(spec, field), field
     assert env.observation_dim == spec.observation_dim
+
+
+@_EVERY_TASK
+def test_what_check_task_looks_for_is_good(name):
+    found = list(check.findings(tasks.find(name)))
+    assert len(found) >= 8
+    assert [finding for finding in found if finding.verdict != "good"] == []
 
 
 @_EVERY_TASK

@@ -113,7 +113,7 @@ def test_an_unknown_name_is_answered_with_the_closest(load):
         load("pick_plce")
 
 
-@pytest.mark.parametrize("word", ["", "../pick_place", "gym:Pendulum-v1", "a\nb", "x.txt:name"])
+@pytest.mark.parametrize("word", ["", "../pick_place", "gymn:Pendulum-v1", "a\nb", "x.txt:name"])
 def test_other_words_are_unknown_tasks(word):
     with pytest.raises(ValueError, match=r"^unknown task .*: [^\n]*$") as caught:
         tasks.find(word)

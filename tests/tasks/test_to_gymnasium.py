@@ -3,6 +3,7 @@
 import copy
 import os
 import pickle
+import re
 import subprocess
 import sys
 import warnings
@@ -152,11 +153,109 @@ def test_spaces_and_scales_are_at_hand():
     np.testing.assert_array_equal(env.observation_scale, spec.observation_scale)
 
 
-@pytest.mark.parametrize("copy_of", [copy.copy, copy.deepcopy, pickle.dumps])
-def test_a_copy_is_refused_in_one_line(copy_of):
-    env = gymnasium.make(_IDS["pendulum_climb"]).unwrapped
-    with pytest.raises(TypeError, match=r"^a GoalEnv holds .* make another with [^\n]*$"):
-        copy_of(env)
+@pytest.mark.parametrize(
+    "copy_of", [copy.copy, copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env))]
+)
+@pytest.mark.parametrize("name", ["pick_place", "pendulum_climb"])
+def test_a_copy_goes_on_from_where_the_environment_stands(name, copy_of):
+    env = gymnasium.make(_IDS[name], test=True).unwrapped
+    env.reset(seed=4)
+    action = np.full(env.action_space.shape, 0.4)
+    for _ in range(5):
+        env.step(action)
+    twin = copy_of(env)
+    for _ in range(5):
+        ours, theirs = env.step(action), twin.step(action)
+        for key, value in ours[0].items():
+            np.testing.assert_array_equal(value, theirs[0][key])
+        assert ours[1:4] == theirs[1:4]
+    for _ in range(2):  # and the episodes that follow are the same
+        np.testing.assert_array_equal(env.reset()[0]["observation"], twin.reset()[0]["observation"])
+
+
+def test_a_wrapped_environment_is_copied_with_its_time_limit():
+    env = gymnasium.make(_IDS["pendulum_climb"], max_episode_steps=7)
+    env.reset(seed=0)
+    [env.step(np.zeros(1)) for _ in range(5)]
+    twin = copy.deepcopy(env)
+    assert [twin.step(np.zeros(1))[3] for _ in range(2)] == [False, True]
+
+
+def test_without_gl_rendering_says_what_to_set():
+    made = subprocess.run(
+        [sys.executable, "-c", _RENDER], capture_output=True, text=True, cwd=ROOT,
+        env={**os.environ, "MUJOCO_GL": "disabled"},
+    )  # fmt: skip
+    assert made.returncode == 1
+    last = made.stderr.strip().splitlines()[-1]
+    assert re.match(r"RuntimeError: rendering failed.*MUJOCO_GL=egl.*'disabled'.*doctor", last)
+
+
+_RENDER = """
+import gymnasium
+env = gymnasium.make("tasks:HACSuite/PendulumClimb-v0", render_mode="rgb_array")
+env.reset(seed=0)
+env.render()
+"""
+
+
+# -- Many at once
+
+
+@pytest.mark.parametrize("name", ["pendulum_climb", "pick_place"])
+def test_make_vec_takes_the_fast_path_and_plays_the_same(name):
+    made = {
+        mode: gymnasium.make_vec(
+            _IDS[name], 3, vectorization_mode=mode, max_episode_steps=6, test=True
+        )
+        for mode in ("sync", None)
+    }
+    sync, fast = made["sync"], made[None]
+    assert type(fast.unwrapped).__name__ == "GoalVectorEnv"
+    assert fast.single_observation_space == sync.single_observation_space
+    assert fast.action_space == sync.action_space
+    results = [envs.reset(seed=5, options={"test": False}) for envs in (sync, fast)]
+    _assert_same(*results)
+    random_state = np.random.RandomState(0)
+    for _ in range(16):  # over two ends of episodes
+        actions = random_state.uniform(-1, 1, fast.action_space.shape)
+        _assert_same(*(envs.step(actions) for envs in (sync, fast)))
+    assert fast.goal_space is tasks.spec(name).goal_space
+
+
+def _assert_same(one, other):
+    for a, b in zip(one, other, strict=True):
+        if isinstance(a, dict):
+            assert a.keys() == b.keys()
+            for key in a:
+                np.testing.assert_array_equal(a[key], b[key], key)
+        else:
+            np.testing.assert_array_equal(a, b)
+
+
+def test_make_vec_ends_an_episode_at_the_goal_and_begins_another():
+    envs = gymnasium.make_vec(_IDS["pendulum_climb"], 2)
+    envs.reset(seed=0)
+    envs.unwrapped._env._goals[1] = envs.step(np.zeros((2, 1)))[0]["achieved_goal"][1]
+    _, rewards, terminated, truncated, infos = envs.step(np.zeros((2, 1)))
+    assert (rewards.tolist(), terminated.tolist()) == ([-1, 0], [False, True])
+    assert infos["is_success"].tolist() == [False, True] and not truncated.any()
+    observations, rewards, terminated, *_ = envs.step(np.ones((2, 1)))
+    assert rewards.tolist() == [-1, 0] and not terminated.any()
+    np.testing.assert_array_equal(observations["desired_goal"][1], [0.0, 1.3])
+
+
+def test_make_vec_resets_those_of_a_mask_and_refuses_wrong_options():
+    envs = gymnasium.make_vec(_IDS["pendulum_climb"], 2)
+    before, _ = envs.reset(seed=[3, 4])
+    mask = np.array([False, True])
+    after, _ = envs.reset(options={"reset_mask": mask})
+    same = (after["observation"] == before["observation"]).all(axis=1)
+    assert same.tolist() == [True, False]
+    with pytest.raises(ValueError, match="no option 'tset'"):
+        envs.reset(options={"tset": True})
+    with pytest.raises(ValueError, match="1 numbers for 2"):
+        envs.reset(seed=[1])
 
 
 def test_the_id_with_its_module_needs_no_import():

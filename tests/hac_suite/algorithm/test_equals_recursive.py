@@ -63,6 +63,8 @@ class CountingHac(RecursiveHac):
         used_up = super().pursue(level, goal, under_test)
         if self.state.diverged:
             self.cases["diverged"] += 1
+        elif level == self.top and self.state.failed:
+            self.cases["failed"] += 1
         elif level == self.top:
             if self.achieved(level):
                 self.cases["end goal achieved"] += 1
@@ -135,9 +137,9 @@ def make_actors(env, horizons, seed):
     return [make(level) for level in level_specs(env, horizons)]
 
 
-def make_round(config, horizons, seed):
+def make_round(config, horizons, seed, **world):
     """Environments, actors, draws and episode seeds of one round."""
-    env = PointEnv(SEEDS * EPISODES, max_steps=MAX_STEPS, diverge_at=DIVERGE_AT)
+    env = PointEnv(SEEDS * EPISODES, max_steps=MAX_STEPS, diverge_at=DIVERGE_AT, **world)
     generators = [np.random.default_rng([seed, s]) for s in range(SEEDS)]
     config = dataclasses.replace(config, episodes_per_period=EPISODES, episodes_per_round=EPISODES)
     draws = exploration.draw_round(generators, level_specs(env, horizons), config, MAX_STEPS)
@@ -145,30 +147,30 @@ def make_round(config, horizons, seed):
     return env, make_actors(env, horizons, seed), draws, episode_seeds
 
 
-def one_environment(n):
+def one_environment(n, **world):
     """Environment n of a round, alone."""
     diverge_at = {0: DIVERGE_AT[n]} if n in DIVERGE_AT else {}
-    return PointEnv(1, max_steps=MAX_STEPS, diverge_at=diverge_at)
+    return PointEnv(1, max_steps=MAX_STEPS, diverge_at=diverge_at, **world)
 
 
 def of_environment(draws, n):
     return Draws(*([by_level[n] for by_level in drawn] for drawn in draws))
 
 
-def array_transitions(config, horizons, seed):
+def array_transitions(config, horizons, seed, **world):
     """What the engine stores, per level."""
-    env, actors, draws, episode_seeds = make_round(config, horizons, seed)
+    env, actors, draws, episode_seeds = make_round(config, horizons, seed, **world)
     recorded = hierarchy.collect(env, actors, config, horizons, draws, episode_seeds)
     spaces = env.goal_space, env.subgoal_space
     return transitions.build(recorded, config, horizons, draws.hindsight, *spaces)
 
 
-def recursive_transitions(config, horizons, seed):
+def recursive_transitions(config, horizons, seed, **world):
     """What the transcription stores, per environment, and the cases that came up."""
-    env, actors, draws, episode_seeds = make_round(config, horizons, seed)
+    env, actors, draws, episode_seeds = make_round(config, horizons, seed, **world)
     stored, cases = [], Counter()
     for n in range(env.num_envs):
-        alone, its_draws = one_environment(n), of_environment(draws, n)
+        alone, its_draws = one_environment(n, **world), of_environment(draws, n)
         agent = CountingHac(alone, actors, config, horizons, its_draws)
         stored.append(agent.episode(int(episode_seeds[n])))
         cases += agent.cases
@@ -268,6 +270,21 @@ def test_each_switch_alone_means_the_same_to_both(switch):
     for horizons in ((6, 2, 9), (2, 2, 3)):
         built = array_transitions(config, horizons, seed=7)
         assert_same(built, recursive_transitions(config, horizons, seed=7)[0])
+
+
+@pytest.mark.parametrize("preset", PRESETS)
+@pytest.mark.parametrize("levels", HORIZONS)
+def test_failing_and_moving_goals_mean_the_same_to_both(levels, preset):
+    world = {"fail_beyond": 0.55, "drift": 0.03}
+    config, horizons = PRESETS[preset], HORIZONS[levels][-1]
+    built = array_transitions(config, horizons, 5, **world)
+    stored, cases = recursive_transitions(config, horizons, 5, **world)
+    assert_same(built, stored)
+    assert cases["failed"] > 10 and cases["end goal achieved"] > 10
+    for level, t_i in zip(built, horizons, strict=True):
+        final = (level.kind == transitions.REGULAR) & (level.reward == -t_i) & (level.discount == 0)
+        assert final.sum() >= cases["failed"]  # T_i of 1 has more of them
+        assert (level.discount[final] == 0).all()
 
 
 def assert_same_test_episodes(config, horizons, seed):

@@ -1,0 +1,207 @@
+"""Estimates spaces for a task: `python launch/fit.py --task=gym:PointMaze_UMaze-v3`."""
+
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+from absl import flags
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+if __name__ == "__main__":
+    sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+    from launch.asking import start
+
+    start.for_training()
+
+import numpy as np
+
+import hac_suite
+import tasks
+from analysis import program
+from analysis.program import CommandError
+from analysis.reading.files import write_text
+from hac_suite.types import level_specs
+from launch.asking import lists
+from tasks.worlds import estimates, seen
+from tasks.worlds.estimates import Played
+from tasks.worlds.settings import Settings, as_toml
+
+_HELP = """Estimates what a task comes without: scales, bounds, thresholds, T; writes a file.
+
+  python launch/fit.py --task=gym:gymnasium_robotics:PointMaze_UMaze-v3
+  python launch/run.py --task=PointMaze_UMaze-v3_fit.toml
+
+It plays random episodes, trains a flat agent a little, and looks at where both came. The file is
+short and commented: edit what you know better. Warnings say what will not learn, and why.
+
+Flags:
+{flags}
+
+Exit status: 0 the file is written; 2 the command was wrong."""
+_LEARNT = 16  # episodes that the flat agent plays to be looked at
+_SHOWN = 12  # numbers of an observation that the table has lines for
+
+
+class Fit(NamedTuple):
+    """What was found out about a task."""
+
+    settings: Settings
+    random: Played
+    learnt: Played | None  # episodes of a flat agent, trained a little
+    warnings: list[str]
+
+
+def main(argv: Sequence[str]) -> int:
+    """Carries out a command; returns the exit status that --help states."""
+    values = _flags()
+    return program.carry_out(program.Program(_HELP, values), argv, lambda _: _fit(values))
+
+
+def _flags() -> flags.FlagValues:
+    values = flags.FlagValues()
+    lists.define_task(values, None, lists.ANY_TASK)
+    flags.DEFINE_string("output", None, "the file; if not given, TASK_fit.toml here", values)
+    program.define_count(
+        values, "train_episodes", 60, "of the flat agent; 0: random episodes only", least=0
+    )
+    return values
+
+
+def _fit(values: flags.FlagValues) -> int:
+    if values.task is None:
+        raise CommandError("flag --task: say which, as in --task=gym:PointMaze_UMaze-v3")
+    try:
+        task = tasks.unfitted(lists.task_word(values))
+    except ValueError as error:
+        raise CommandError(str(error)) from error
+    output = Path(values.output or f"{task.name}_fit.toml")
+    if output.suffix != ".toml" or output.stem in tasks.ALL:
+        raise CommandError(f"flag --output={output}: its name ends in .toml, and is no task's")
+    console = Console()
+    for note in task.notes:
+        console.print(f"note: {note}", markup=False, soft_wrap=True)
+    found = fit(task, values.train_episodes)
+    names = task.about.goal_names, task.about.subgoal_names
+    output.parent.mkdir(parents=True, exist_ok=True)
+    write_text(output, as_toml(found.settings, task.word, str(output), names))
+    show(task, found, console)
+    console.print(
+        f"\n{output}: edit what you know better, then\n  python launch/run.py --task={output}",
+        markup=False,
+        highlight=False,
+        soft_wrap=True,
+    )
+    return 0
+
+
+def fit(task: tasks.Unfitted, train_episodes: int) -> Fit:
+    """Estimates a task's spaces from random episodes, and those of a flat agent, trained a little.
+
+    Args:
+      train_episodes: of the flat agent; 0 leaves it out.
+    """
+    random = estimates.random_episodes(task.env_of, task.about)
+    settings = estimates.settings(task.about, random)
+    learnt = _learnt(task, settings, train_episodes) if train_episodes else None
+    everything = estimates.joined([random, learnt]) if learnt else random
+    if learnt:
+        settings = estimates.settings(task.about, everything)
+    warned = seen.warnings(task.about, random, everything, settings, task.own)
+    return Fit(settings, random, learnt, list(warned))
+
+
+def _learnt(task: tasks.Unfitted, settings: Settings, episodes: int) -> Played:
+    """Episodes of a flat agent after so many of training, noise-free and with noise by turns."""
+    entry = task.fit(settings)
+    per_round = hac_suite.Config().episodes_per_round
+    config = hac_suite.Config(
+        episodes_per_period=max(1, episodes // per_round) * per_round, test_episodes=1
+    )
+    horizons = (settings.max_steps,)
+    *_, last = hac_suite.train(
+        entry.load_vector, config, [0], subgoal_layers=0, horizons=horizons, periods=1
+    )
+    env = entry.load_vector(_LEARNT)
+    (actor,) = last.policies[0].actors(level_specs(env, horizons))
+    rng = np.random.default_rng(0)
+    middle, half = (env.action_high + env.action_low) / 2, (env.action_high - env.action_low) / 2
+    noisy = np.arange(_LEARNT)[:, None] % 2 == 1
+
+    def act(time: int, state: hac_suite.EnvStep) -> np.ndarray:
+        del time
+        output = actor(state.observation, state.desired_goal).astype(np.float64)
+        noise = np.where(rng.random((_LEARNT, 1)) < 0.3, rng.uniform(-1, 1, output.shape), output)
+        return middle + half * np.where(noisy, noise, output)
+
+    seeds = np.random.default_rng(1).integers(2**32, size=_LEARNT)
+    return estimates.play(env, env.goal_space.achieved, act, seeds, test=True)
+
+
+def show(task: tasks.Unfitted, found: Fit, console: Console) -> None:
+    """Prints what was seen and what follows from it, and warnings."""
+    console.print(_settings_table(task, found.settings))
+    console.print(_episodes_table(found))
+    console.print(_lines(task, found.settings), markup=False, highlight=False, soft_wrap=True)
+    for warning in found.warnings:
+        console.print(f"[yellow]warning:[/yellow] {escape(warning)}", soft_wrap=True)
+
+
+def _settings_table(task: tasks.Unfitted, settings: Settings) -> Table:
+    """Every number that was estimated; beside it the one that somebody chose, if there is one."""
+    table = Table(box=None, pad_edge=False, header_style="bold")
+    headings = ("space", "dimension", "low", "high", "threshold")
+    for heading in (*headings, *(("chosen by hand",) if task.own else ())):
+        table.add_column(heading, justify="left" if heading in headings[:2] else "right")
+    for space, names in (("goal", task.about.goal_names), ("subgoal", task.about.subgoal_names)):
+        fields = [getattr(settings, f"{space}_{field}") for field in headings[2:]]
+        own = task.own and getattr(task.own, f"{space}_space")
+        for i, name in enumerate(names):
+            cells = [_number(field[i]) for field in fields]
+            if own:
+                chosen = (own.low[i], own.high[i], own.threshold[i])
+                cells.append(" ".join(map(_number, chosen)))
+            table.add_row(space, escape(name), *cells)
+    pairs = list(zip(settings.observation_offset, settings.observation_scale, strict=True))
+    for i, (offset, scale) in enumerate(pairs[:_SHOWN]):
+        name = task.own.observation_names[i] if task.own else f"obs[{i}]"
+        low, high = _number(offset - scale), _number(offset + scale)
+        own_scale = [_number(task.own.observation_scale[i])] if task.own else []
+        table.add_row("observation", escape(name), low, high, "", *own_scale)
+    if len(pairs) > _SHOWN:
+        table.add_row("observation", f"and {len(pairs) - _SHOWN} more in the file", "", "", "")
+    return table
+
+
+def _episodes_table(found: Fit) -> Table:
+    table = Table(box=None, pad_edge=False, header_style="bold")
+    for heading in ("episodes", "number", "success", "goal held at start", "failed", "cut short"):
+        table.add_column(heading, justify="left" if heading == "episodes" else "right")
+    for name, played in (("random", found.random), ("flat agent, little trained", found.learnt)):
+        if played is not None:
+            cells = [f"{share:.0%}" for share in seen.shares(played)]
+            table.add_row(name, str(len(played.steps)), *cells)
+    return table
+
+
+def _lines(task: tasks.Unfitted, settings: Settings) -> str:
+    own = f" (by hand: {task.own.max_steps})" if task.own else ""
+    lines = [f"steps of an episode: {settings.max_steps}{own}"]
+    for layers, attempts in sorted(settings.horizons.items()):
+        chosen = ""
+        if task.own:
+            by_hand = hac_suite.horizons(task.own.max_steps, layers, task.own.horizons)
+            chosen = f" (by hand: {list(by_hand)})"
+        lines.append(f"T with {layers} subgoal layer(s): {list(attempts)}{chosen}")
+    return "\n".join(lines)
+
+
+def _number(value: float) -> str:
+    return f"{value:.3g}"
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv))

@@ -1,0 +1,73 @@
+"""Begins a task of one's own from a model: `python launch/new_task.py NAME MODEL.xml`."""
+
+import re
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from absl import flags
+
+if __name__ == "__main__":
+    sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+    from launch.asking import start
+
+    start.without_display()
+
+import tasks
+from analysis import program
+from analysis.program import CommandError
+from analysis.reading.files import write_text
+from tasks.beginning import begin
+
+_HELP = """Begins a task of your own from an MJCF model: a point is to come to places it can reach.
+
+  python launch/new_task.py arm_reach path/to/arm.xml
+  python launch/check_task.py arm_reach.py:arm_reach
+  python launch/run.py --task=arm_reach.py:arm_reach
+
+It writes NAME.xml, the model with sensors, a camera and a light added where there are none, and
+NAME.py, a task that works as it is and is yours to change.
+
+Flags:
+{flags}
+
+Exit status: 0 both are written; 2 the command was wrong, or the model is none to begin from."""
+
+
+def main(argv: Sequence[str]) -> int:
+    """Carries out a command; returns the exit status that --help states."""
+    values = flags.FlagValues()
+    flags.DEFINE_string("point", None, "the site or body that is to come to the goal", values)
+    flags.DEFINE_boolean("overwrite", False, "whether files may be written over", values)
+    what = "a name and a model, as in arm_reach path/to/arm.xml"
+    own = program.Program(_HELP, values, words=what, several_words=True)
+    return program.carry_out(own, argv, lambda words: _new(words, values))
+
+
+def _new(words: list[str], values: flags.FlagValues) -> int:
+    if len(words) != 2:
+        raise CommandError("it takes a name and a model, as in arm_reach path/to/arm.xml")
+    name, model = words[0], Path(words[1])
+    if not re.fullmatch(r"[a-z][a-z0-9_]*", name) or name in tasks.ALL:
+        raise CommandError(f"{name!r}: a task's name is small letters, digits and _, and its own")
+    if not model.is_file():
+        raise CommandError(f"there is no model {str(model)!r}")
+    targets = Path(f"{name}.py"), Path(f"{name}.xml")
+    for target in targets:
+        if target.exists() and not values.overwrite:
+            raise CommandError(f"{target} is there already; --overwrite writes over it")
+    try:
+        begun = begin(name, model, values.point)
+    except ValueError as error:
+        raise CommandError(str(error)) from error
+    for target, text in zip(targets, (begun.code, begun.xml), strict=True):
+        write_text(target, text)
+    for note in begun.notes:
+        print(f"note: {note}")
+    print(f"{targets[0]}, {targets[1]}: next\n  python launch/check_task.py {targets[0]}:{name}")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv))

@@ -1,0 +1,305 @@
+"""What is wrong with a task of one's own, and how to mend it."""
+
+import ast
+import inspect
+import textwrap
+import traceback
+from collections.abc import Callable, Iterator
+from typing import Any, Literal, NamedTuple
+
+import mujoco
+import numpy as np
+
+from tasks import base, registry
+from tasks.worlds import estimates, fitted, seen
+
+Verdict = Literal["good", "doubtful", "wrong"]
+
+_RESERVED = ("_arena", "_goal", "_step_count", "_task_observables", "_test")
+_UNCALLED = ("get_reward", "get_discount", "should_terminate_episode", "before_step", "after_step",
+             "initialize_episode", "initialize_episode_mjcf", "before_substep",
+             "after_substep")  # fmt: skip
+_WHOLE_TURN = 2 * np.pi
+_ENVS, _STEPS = 8, 40  # of the episodes that are compared
+
+
+class Finding(NamedTuple):
+    """What one check found.
+
+    Attributes:
+      verdict: doubtful is what can be meant so, and mostly is not.
+      text: what is the case.
+      remedy: what to do about it, where it is not good.
+    """
+
+    verdict: Verdict
+    text: str
+    remedy: str = ""
+
+
+def findings(entry: registry.Entry) -> Iterator[Finding]:
+    """Checks a dm_control task, one thing after the other; ends at what keeps it from loading."""
+    try:
+        task = entry.factory()
+    except Exception as error:
+        yield _broken("the factory does not make the task", error)
+        return
+    yield from _names(type(task))
+    yield from _model(task)
+    try:
+        environment = entry.load(seed=0)
+        environment.reset()
+    except Exception as error:
+        yield _broken("the task does not load", error)
+        return
+    yield Finding("good", "it compiles, and is what its spec says")
+    for check in (_cameras, _shapes, _same_as_composer, _deterministic, _starts, _learnable):
+        try:
+            yield from check(entry)
+        except Exception as error:
+            yield _broken(f"{check.__name__.strip('_').replace('_', ' ')}: it raised", error)
+    environment.close()
+
+
+def _broken(what: str, error: Exception) -> Finding:
+    """An exception, with the last line of a file of one's own that it came through."""
+    steps = traceback.extract_tb(error.__traceback__)
+    own = [s for s in steps if "/tasks/check.py" not in s.filename.replace("\\", "/")
+           and "site-packages" not in s.filename]  # fmt: skip
+    where = f" ({own[-1].filename}, line {own[-1].lineno})" if own else ""
+    reason = " ".join(f"{type(error).__name__}: {error}".split())
+    return Finding("wrong", f"{what}: {reason}{where}", "mend that line, then check again")
+
+
+# -- The class
+
+
+def _names(kind: type) -> Iterator[Finding]:
+    """Names of the base class that the task's classes take for something else."""
+    own = kind.__mro__[: kind.__mro__.index(base.GoalTask)]
+    taken = sorted({name for each in own for name in _assigned(each) if name in _RESERVED})
+    for name in taken:
+        yield Finding(
+            "wrong",
+            f"{kind.__name__} assigns self.{name}, which tasks.base.GoalTask has already",
+            f"call it something else, such as self.{name}_marker",
+        )
+    ignored = [name for name in _UNCALLED if any(name in vars(each) for each in own)]
+    for name in ignored:
+        yield Finding(
+            "doubtful",
+            f"{kind.__name__} has a {name} of its own, which training never calls",
+            "say what achieves a goal in achieved_goal, and what happens meanwhile in event_mask "
+            "and apply_event: training steps MuJoCo without Composer's hooks",
+        )
+    if not taken:
+        yield Finding("good", "it takes no name of the base class")
+
+
+def _assigned(kind: type) -> set[str]:
+    """Attributes that a class's methods assign on self; and those of the class itself."""
+    found = set(vars(kind))
+    try:
+        tree = ast.parse(textwrap.dedent(inspect.getsource(kind)))
+    except (OSError, TypeError, SyntaxError):  # a class without a file
+        return found
+    for node in ast.walk(tree):
+        if not isinstance(node, ast.Attribute) or not isinstance(node.ctx, ast.Store):
+            continue
+        if isinstance(node.value, ast.Name) and node.value.id == "self":
+            found.add(node.attr)
+    return found
+
+
+# -- The model
+
+
+def _model(task: base.GoalTask) -> Iterator[Finding]:
+    model = task.root_entity.mjcf_model
+    sensors = model.find_all("sensor")
+    if not sensors:
+        yield Finding(
+            "wrong",
+            "the model has no sensors, so that nothing of it can be observed",
+            "add a <sensor> for all that the agent observes or that decides a goal: <jointpos "
+            'joint="..."/>, <jointvel joint="..."/>, <framepos objtype="site" objname="..."/>',
+        )
+    else:
+        yield Finding("good", f"the model has {len(sensors)} sensors")
+    if model.option.integrator == "RK4":
+        yield Finding(
+            "wrong",
+            "the model's integrator is RK4, which training does not step as Composer does",
+            'take <option integrator="implicitfast"/>, or leave it out',
+        )
+    if not model.find_all("actuator"):
+        yield Finding(
+            "wrong",
+            "the model has no actuators: there is nothing to act with",
+            "add <motor joint=... ctrlrange=.../> for each joint that is driven",
+        )
+
+
+def _cameras(entry: registry.Entry) -> Iterator[Finding]:
+    environment = entry.load(seed=0)  # kept: its model lives as long as it does
+    model = environment.physics.model
+    if not model.ncam:
+        yield Finding(
+            "wrong",
+            "the model has no camera: videos would be taken from nowhere, and be black",
+            "add a <camera>, or build the arena with tasks.scenes.build(..., cameras={...})",
+        )
+    if not model.nlight:
+        yield Finding(
+            "doubtful",
+            "the model has no light: videos are dark",
+            "add a <light>, or build the arena with tasks.scenes.build, which has two",
+        )
+    hinges = model.jnt_type == int(mujoco.mjtJoint.mjJNT_HINGE)
+    if (np.abs(model.jnt_range[hinges]) > 2 * _WHOLE_TURN).any():
+        yield Finding(
+            "doubtful",
+            "hinges have ranges of several turns: they look like degrees, and count as radians",
+            'write angles in radians, under <compiler angle="radian"/>',
+        )
+    if model.ncam and model.nlight:
+        yield Finding("good", f"{model.ncam} camera(s) and {model.nlight} light(s)")
+
+
+# -- What it does
+
+
+def _shapes(entry: registry.Entry) -> Iterator[Finding]:
+    """Functions of readings must work on arrays [..., R] and give what they give row by row."""
+    environment = entry.load(seed=0)
+    environment.reset()
+    task = environment.task
+    rows = np.stack([task.readings(environment.physics) + 0.01 * i for i in range(6)])
+    good = True
+    for name in ("observation", "achieved_goal", "achieved_subgoal", "event_mask"):
+        function: Callable[[np.ndarray], Any] = getattr(task, name)
+        alone = np.stack([function(row) for row in rows])
+        try:
+            together = np.asarray(function(rows.reshape(3, 2, -1)))
+        except (ValueError, IndexError, TypeError):  # it was written for one row
+            together = np.zeros(0)
+        if together.shape != (3, 2, *alone.shape[1:]) or not np.array_equal(
+            together.reshape(alone.shape), alone
+        ):
+            good = False
+            yield Finding(
+                "wrong",
+                f"{name} gives something else for many readings [3, 2, R] than for each of them",
+                "index the last axis, as in readings[..., 0], and join with axis=-1",
+            )
+    if good:
+        yield Finding("good", "functions of readings work on arrays of them")
+
+
+def _actions(entry: registry.Entry, envs: int) -> np.ndarray:
+    spec = entry.spec
+    return np.random.RandomState(0).uniform(
+        spec.action_low, spec.action_high, (_STEPS, envs, len(spec.action_low))
+    )
+
+
+def _same_as_composer(entry: registry.Entry) -> Iterator[Finding]:
+    """The fast path and Composer must play the same episode, with rewards -1 and 0."""
+    actions, space = _actions(entry, 1), entry.spec.goal_space
+    env, environment = entry.load_vector(1), entry.load(seed=7)
+    state, timestep = env.reset(np.array([7])), environment.reset()
+    for action in actions:
+        state, timestep = env.step(action), environment.step(action[0])
+        if not np.array_equal(state.observation[0], entry.spec.flat(timestep.observation)):
+            yield Finding(
+                "wrong",
+                "training and Composer do not play the same episode",
+                "leave nothing to Composer's hooks, nor keep anything in the task that an episode "
+                "changes: state is in physics.data, and readings are all that is seen of it",
+            )
+            return
+        held = bool(space.achieved(state.achieved_goal, state.desired_goal)[0])
+        if timestep.reward != held - 1.0:
+            yield Finding(
+                "wrong",
+                f"its reward was {timestep.reward}, and is to be {held - 1.0}: 0 at the goal, "
+                "and -1 elsewhere",
+                "leave get_reward to tasks.base.GoalTask",
+            )
+            return
+        if timestep.last():
+            break
+    yield Finding("good", "training and Composer play the same episode, with rewards of -1 and 0")
+
+
+def _deterministic(entry: registry.Entry) -> Iterator[Finding]:
+    """A seed decides an episode, whatever was played before."""
+    actions, seeds = _actions(entry, _ENVS), np.arange(_ENVS)
+    first, second = entry.load_vector(_ENVS), entry.load_vector(_ENVS)
+    second.reset(seeds + 100)
+    runs = []
+    for env in (first, second):
+        states = [env.reset(seeds), *(env.step(action) for action in actions)]
+        runs.append(states)
+    for one, other in zip(*runs, strict=True):
+        if not all(np.array_equal(a, b) for a, b in zip(one, other, strict=True)):
+            yield Finding(
+                "wrong",
+                "two episodes of one seed differ",
+                "draw from the random_state that sample_episode is given, not from numpy's own "
+                "generator; set in sample_episode all that the last episode may have changed",
+            )
+            return
+    if any(states[-1].diverged.any() for states in runs):
+        yield Finding(
+            "doubtful",
+            "random actions make the physics break down",
+            "take a smaller timestep, weaker motors, or add damping",
+        )
+    yield Finding("good", "a seed decides an episode")
+
+
+def _starts(entry: registry.Entry) -> Iterator[Finding]:
+    """Starts and goals lie in their spaces; tests do not begin at the goal."""
+    env, spec = entry.load_vector(64), entry.spec
+    good = True
+    for test in (False, True):
+        state = env.reset(np.arange(64), test=test)
+        kind = "test" if test else "training"
+        held = spec.goal_space.achieved(state.achieved_goal, state.desired_goal).mean()
+        if held > 0.05:
+            good = False
+            yield Finding(
+                "wrong" if test else "doubtful",
+                f"{held:.0%} of {kind} episodes begin at their goal",
+                "draw start and goal apart, or make the threshold smaller",
+            )
+        pairs = (
+            ("goals", spec.goal_space, state.desired_goal, 1.0),
+            ("starts", spec.goal_space, state.achieved_goal, 1.1),
+            ("starts", spec.subgoal_space, state.achieved_subgoal, 1.1),
+        )
+        for what, space, points, most in pairs:
+            outside = (np.abs(space.normalise(points)) > most).any(axis=0)
+            for name in np.array(space.names)[outside]:
+                good = False
+                yield Finding(
+                    "doubtful",
+                    f"some {what} of {kind} episodes lie outside the bounds of {name}",
+                    "widen low and high of that dimension",
+                )
+    if good:
+        yield Finding("good", "starts and goals lie in their spaces, and apart")
+
+
+def _learnable(entry: registry.Entry) -> Iterator[Finding]:
+    """Random episodes come to the goal now and then, and observations are about one."""
+    about = fitted.about_task(entry)
+    played = estimates.random_episodes(entry.load_vector, about)
+    found = estimates.settings(about, played)
+    said = list(seen.warnings(about, played, played, found, entry.spec))
+    for text in said:
+        yield Finding("doubtful", text, "see docs/your_own_task.md and `python launch/fit.py`")
+    share = seen.shares(played).succeeded
+    if not said:
+        yield Finding("good", f"{share:.0%} of random episodes reach the goal; scales are right")

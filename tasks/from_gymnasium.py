@@ -1,0 +1,356 @@
+"""Others' environments for us: copies of a Gymnasium environment as the engine's VectorEnv."""
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, NamedTuple
+
+import gymnasium
+import numpy as np
+
+from tasks.worlds import estimates, fitted, judging, making
+from tasks.worlds.lanes import Lane, Options, Pool, View, compute_reward, finite
+
+_NO_LIMIT = (
+    "{word}: it has no time limit of its own: say after how many steps an episode ends, as in "
+    "--max_steps=200"
+)
+_TAKEN = (
+    "{word}: another VectorEnv of this task has begun episodes in the same copies; copies are "
+    "shared within tasks.find(...): call tasks.from_gymnasium for some of your own"
+)
+_STEP_FAILED = "{word}: environment {i} failed in step(): {error}"
+_SEEDS = 2**32  # seeds lie in [0, 2**32)
+_FRAMES = 30  # a second of video, where the environment does not say
+_THRESHOLDS = "{word}: --goal_threshold has {given} numbers; it takes one, or {count}"
+_PAIRS = 64  # episodes whose goals are looked at to learn what compute_reward means
+
+
+class Step(NamedTuple):
+    """What N environments show after a reset or a step, in natural units; fresh arrays.
+
+    Attributes:
+      observation: [N, D]; flat, and with the achieved goal where it did not contain that.
+      achieved_goal: [N, G].
+      achieved_subgoal: [N, H].
+      desired_goal: [N, G]; where it moves, the one that the step was judged by.
+      diverged: [N] bool; numbers were no longer finite, or the environment cut the episode short.
+      failed: [N] bool; the environment terminated, and not at the goal.
+    """
+
+    observation: np.ndarray
+    achieved_goal: np.ndarray
+    achieved_subgoal: np.ndarray
+    desired_goal: np.ndarray
+    diverged: np.ndarray
+    failed: np.ndarray
+
+
+class World:
+    """A Gymnasium environment before its spaces are known: copies, a judge and a step limit.
+
+        world = World("gym:PointMaze_UMaze-v3", make, Options(), max_steps=None)
+        spec = world.spec(world.estimate())
+        env = world.load_vector(64)
+
+    Attributes:
+      word: what messages call it.
+      pool: its copies.
+      max_steps: control steps after which an episode is cut off.
+      judge: which achieved goals [..., G] achieve which goals [..., G]: bool [...].
+      judged_by_reward: whether that is the environment's own judgement.
+    """
+
+    def __init__(
+        self,
+        word: str,
+        make: Callable[[], gymnasium.Env],
+        options: Options,
+        *,
+        max_steps: int | None = None,
+        title: str = "",
+    ):
+        """Makes a first copy and plays a few episodes in it.
+
+        Raises:
+          ValueError: HAC cannot train on it, or needs to be told more; one line says what.
+        """
+        self.word = word
+        self.pool = Pool(word, make, options)
+        self.title = title or word
+        limit = max_steps or _time_limit(self.pool.env)
+        if not limit:
+            raise ValueError(_NO_LIMIT.format(word=word))
+        self.max_steps: int = limit
+        self.goal_bounds: tuple[np.ndarray, np.ndarray] | None = None
+        self.judged_by_reward = not options.threshold
+        self.judge = self._own_judge() if self.judged_by_reward else self._box()
+
+    def _own_judge(self) -> judging.Judge:
+        reader, lane = self.pool.reader, self.pool.lanes(1)[0]
+        low, high = self.pool.actions.low.ravel(), self.pool.actions.high.ravel()
+        pairs, rng = [], np.random.default_rng(0)
+        for seed in range(_PAIRS):
+            views = [lane.reset(seed, self.pool.options.train, None)]
+            views.append(lane.step(rng.uniform(low, high))[0])
+            pairs += [(view.achieved_goal, view.desired_goal) for view in views if finite(view)]
+        achieved, goals = (np.stack(part) for part in zip(*pairs, strict=True))
+        return judging.by_reward(
+            self.word,
+            compute_reward(self.pool.env),
+            reader.goal_shape,
+            reader.goal_dtype,
+            achieved,
+            goals,
+        )
+
+    def _box(self) -> judging.Judge:
+        count, given = int(np.prod(self.pool.reader.goal_shape)), self.pool.options.threshold
+        if len(given) not in (1, count):
+            raise ValueError(_THRESHOLDS.format(word=self.word, given=len(given), count=count))
+        width = np.broadcast_to(given, count)
+        return lambda achieved, goal: (np.abs(achieved - goal) <= width).all(axis=-1)
+
+    @property
+    def control_timestep(self) -> float:
+        """Seconds between actions, as far as the environment says; videos play at this rate."""
+        fps = self.pool.env.metadata.get("render_fps") or _FRAMES
+        seconds = getattr(self.pool.env.unwrapped, "dt", None)
+        return float(seconds) if isinstance(seconds, float) and seconds > 0 else 1.0 / float(fps)
+
+    def adapter(self, num_envs: int, seed: int = 0) -> "Adapter":
+        """`num_envs` copies in lock step, without scales and bounds."""
+        return Adapter(self, num_envs, seed)
+
+    def about(self) -> estimates.About:
+        """What `estimates` needs to know."""
+        low, high = self.pool.actions.low, self.pool.actions.high
+        names = self.pool.reader.names()
+        return estimates.About(
+            title=self.title,
+            max_steps=self.max_steps,
+            control_timestep=self.control_timestep,
+            action_low=low.ravel().astype(np.float64),
+            action_high=high.ravel().astype(np.float64),
+            goal_names=names[0],
+            subgoal_names=names[1],
+            judge=self.judge,
+            fixed_goal=self.pool.reader.fixed_goal,
+            draws_goals=self.pool.reader.goals or self.pool.reader.fixed_goal is not None,
+        )
+
+
+class Adapter:
+    """N copies of a world in lock step: the engine's VectorEnv but for its spaces."""
+
+    def __init__(self, world: World, num_envs: int, seed: int = 0):
+        if num_envs < 1:
+            raise ValueError(f"num_envs must be at least 1, got {num_envs}")
+        self.num_envs, self.max_steps = num_envs, world.max_steps
+        self._world, self._pool = world, world.pool
+        self._lanes: list[Lane] = self._pool.lanes(num_envs)
+        self.action_low = self._pool.actions.low.ravel().astype(np.float64)
+        self.action_high = self._pool.actions.high.ravel().astype(np.float64)
+        self.control_timestep = world.control_timestep
+        self._seeds = np.random.RandomState(seed)
+        self._steps = np.zeros(num_envs, np.int64)
+        self._over = np.zeros(num_envs, bool)  # the environment ended the episode
+        self._shown: Step | None = None
+
+    def reset(
+        self, seeds: np.ndarray | None = None, *, mask: np.ndarray | None = None, test: bool = False
+    ) -> Step:
+        """Starts new episodes; see `hac_suite.VectorEnv`.
+
+        Raises:
+          ValueError: seeds that are not N integers in [0, 2**32).
+        """
+        if seeds is None:
+            seeds = self._seeds.randint(0, _SEEDS, size=self.num_envs, dtype=np.int64)
+        seeds = np.asarray(seeds)
+        if seeds.shape != (self.num_envs,) or seeds.min() < 0 or seeds.max() >= _SEEDS:
+            raise ValueError(f"seeds must be {self.num_envs} integers in [0, 2**32), got {seeds}")
+        options = self._pool.options.test if test else self._pool.options.train
+        for i in self._chosen(mask):
+            lane, seed = self._lanes[i], int(seeds[i])
+            lane.owner = self
+            view = lane.reset(seed, options, self._draw_goal(seed))
+            self._steps[i], self._over[i] = 0, False
+            self._show(i, view, diverged=not finite(view), failed=False)
+        return self._fresh()
+
+    def _draw_goal(self, seed: int) -> np.ndarray | None:
+        """The end goal of an episode, where the environment has none of its own."""
+        reader, bounds = self._pool.reader, self._world.goal_bounds
+        if reader.goals:
+            return None
+        if reader.fixed_goal is not None:
+            return reader.fixed_goal
+        return None if bounds is None else np.random.default_rng(seed).uniform(*bounds)
+
+    def step(self, actions: np.ndarray, mask: np.ndarray | None = None) -> Step:
+        """One control step in each masked environment; see `hac_suite.VectorEnv`.
+
+        Those that diverged, or that ended their episode, stay as they are.
+
+        Raises:
+          ValueError: an action is not finite, or an argument has the wrong shape.
+          RuntimeError: an environment raised something, or its copy plays for somebody else now.
+        """
+        actions = np.asarray(actions, np.float64)
+        if actions.shape != (self.num_envs, len(self.action_low)):
+            wanted = (self.num_envs, len(self.action_low))
+            raise ValueError(f"actions must have shape {wanted}, got {actions.shape}")
+        assert self._shown is not None, "call reset before step"
+        for i in self._chosen(mask):
+            if not (self._shown.diverged[i] or self._over[i]):
+                self._step_one(i, actions[i])
+        return self._fresh()
+
+    def _step_one(self, i: int, action: np.ndarray) -> None:
+        lane = self._lanes[i]
+        if lane.owner is not self:
+            raise RuntimeError(_TAKEN.format(word=self._world.word))
+        if not np.isfinite(action).all():
+            raise ValueError(f"environment {i}: actions must be finite, got {action}")
+        try:
+            view, terminated, truncated, _ = lane.step(
+                np.clip(action, self.action_low, self.action_high)
+            )
+        except Exception as error:  # another's step can raise anything
+            reason = " ".join(f"{type(error).__name__}: {error}".split())
+            raise RuntimeError(
+                _STEP_FAILED.format(word=self._world.word, i=i, error=reason)
+            ) from error
+        self._steps[i] += 1
+        self._over[i] = terminated or truncated
+        ended = self._over[i] and self._steps[i] < self.max_steps
+        if not finite(view) or lane.broke_down():
+            self._show(i, None, diverged=True, failed=False)
+            return
+        if ended:
+            ended = not bool(
+                self._world.judge(view.achieved_goal[None], view.desired_goal[None])[0]
+            )
+        self._show(i, view, diverged=ended and not terminated, failed=ended and terminated)
+
+    def _show(self, i: int, view: View | None, *, diverged: bool, failed: bool) -> None:
+        """Keeps what environment i shows now; None: it stays as it was."""
+        if self._shown is None:
+            assert view is not None  # a reset comes first
+            rows = {n: np.zeros((self.num_envs, len(v))) for n, v in view._asdict().items()}
+            flags = {n: np.zeros(self.num_envs, bool) for n in ("diverged", "failed")}
+            self._shown = Step(**rows, **flags)
+        for shown, part in zip(self._shown, view or (), strict=False):
+            shown[i] = np.nan_to_num(part, posinf=0.0, neginf=0.0)
+        self._shown.diverged[i] = diverged
+        self._shown.failed[i] = failed
+
+    def _fresh(self) -> Step:
+        assert self._shown is not None
+        return Step(*(part.copy() for part in self._shown))
+
+    def _chosen(self, mask: np.ndarray | None) -> Sequence[int]:
+        if mask is None:
+            return range(self.num_envs)
+        mask = np.asarray(mask)
+        if mask.shape != (self.num_envs,) or mask.dtype != bool:
+            raise ValueError(f"mask must be {self.num_envs} booleans, got {mask!r}")
+        return np.flatnonzero(mask).tolist()
+
+    def show_subgoals(self, i: int, subgoals: Sequence[np.ndarray | None]) -> None:
+        """Nothing: there are no markers in others' scenes."""
+
+    def render(
+        self, i: int, *, camera: int | str = 0, height: int = 480, width: int = 640
+    ) -> np.ndarray:
+        """A picture of environment i, uint8 [height, width, 3], by its own `render`.
+
+        Raises:
+          RuntimeError: it gives none.
+        """
+        del camera  # it has one of its own
+        try:
+            picture: Any = self._lanes[i].env.render()
+        except NotImplementedError:
+            picture = None
+        if not isinstance(picture, np.ndarray) or picture.ndim != 3:
+            raise RuntimeError(f"{self._world.word}: it renders no frames ('rgb_array')")
+        return _fitted_into(picture[..., :3].astype(np.uint8), height, width)
+
+    def close(self) -> None:
+        """Frees the copies; they are made again when they are needed again."""
+        self._pool.close()
+
+
+def _fitted_into(picture: np.ndarray, height: int, width: int) -> np.ndarray:
+    """The picture as large as fits, its proportions kept, on black."""
+    ratio = min(height / picture.shape[0], width / picture.shape[1])
+    rows, columns = (max(1, int(size * ratio)) for size in picture.shape[:2])
+    at = [
+        np.minimum((np.arange(new) + 0.5) * old / new, old - 1).astype(int)
+        for new, old in ((rows, picture.shape[0]), (columns, picture.shape[1]))
+    ]
+    framed = np.zeros((height, width, 3), np.uint8)
+    top, left = (height - rows) // 2, (width - columns) // 2
+    framed[top : top + rows, left : left + columns] = picture[at[0]][:, at[1]]
+    return framed
+
+
+def _time_limit(env: gymnasium.Env) -> int | None:
+    """The steps of an episode, as the environment's id is registered, or its TimeLimit says."""
+    wrapped: Any = env
+    while isinstance(wrapped, gymnasium.Wrapper):
+        limit = getattr(wrapped, "_max_episode_steps", None)
+        if isinstance(limit, int):
+            return limit
+        wrapped = wrapped.env
+    id = env.spec.id if env.spec else None
+    return gymnasium.registry[id].max_episode_steps if id in gymnasium.registry else None
+
+
+def from_gymnasium(
+    make_or_id: Callable[[], gymnasium.Env] | str,
+    num_envs: int = 1,
+    *,
+    seed: int = 0,
+    args: Mapping[str, Any] | None = None,
+    max_steps: int | None = None,
+    goal: str = "",
+    subgoal: str = "",
+    goal_threshold: float | Sequence[float] = (),
+    train_options: Mapping[str, Any] | None = None,
+    test_options: Mapping[str, Any] | None = None,
+    settings: "fitted.Settings | None" = None,
+) -> "fitted.FittedEnv":
+    """Copies of a Gymnasium goal environment, as `hac_suite.train` takes them.
+
+        env = tasks.from_gymnasium("gymnasium_robotics:PointMaze_UMaze-v3", 64)
+
+    The environment's own `compute_reward` says what achieves an end goal. Scales, bounds and
+    thresholds are estimated from a few random episodes unless `settings` gives them.
+
+    Args:
+      make_or_id: a function without arguments that makes the environment, or what
+        `gymnasium.make` takes: `ID` or `module:ID`.
+      num_envs: how many; `env.copies(n)` makes more that share what is known of it.
+      seed: decides the episodes of resets that are given no seeds.
+      args: keywords of `gymnasium.make`.
+      max_steps: steps of an episode; None takes the environment's time limit.
+      goal: for an environment that is not goal-conditioned, which numbers of its observation are
+        the goal, `obs[0:2]`; goals are drawn within what random episodes reach, or are always
+        the same: `obs[0:2]=1,0`.
+      subgoal: which numbers of the observation are the subgoal space; the goal's own if not given.
+      goal_threshold: how near counts as achieved in each dimension, in place of `compute_reward`.
+      train_options, test_options: `options` of the environment's resets, in training and in tests.
+
+    Raises:
+      ValueError: HAC cannot train on the environment, or needs to be told more.
+    """
+    options = Options(
+        goal, subgoal, tuple(np.ravel(goal_threshold).tolist()), train_options, test_options
+    )
+    if isinstance(make_or_id, str):
+        word, make = f"gym:{make_or_id}", making.maker(f"gym:{make_or_id}", make_or_id, args or {})
+    else:
+        word, make = getattr(make_or_id, "__name__", "environment"), make_or_id
+    world = World(word, make, options, max_steps=max_steps)
+    return fitted.of_world(world, settings).load_vector(num_envs, seed)

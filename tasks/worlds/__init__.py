@@ -1,0 +1,1 @@
+"""Environments that others made, and spaces for tasks that come without them."""

@@ -1,0 +1,332 @@
+"""A copy of a Gymnasium environment as flat arrays, and a pool of copies to share."""
+
+import contextlib
+import random
+import re
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import Any, NamedTuple
+
+import gymnasium
+import mujoco
+import numpy as np
+
+from tasks.worlds import making
+
+_GOAL_KEYS = ("observation", "achieved_goal", "desired_goal")
+_NO_GOAL = (
+    "{word}: its observations are {space}, not a dictionary of observation, achieved_goal and "
+    "desired_goal with a compute_reward: say which numbers are the goal, as in --goal='obs[0:2]' "
+    "with --goal_threshold=0.1"
+)
+_HAS_GOAL = "{word}: it has goals of its own; --goal is for environments that have none"
+_NO_THRESHOLD = "{word}: --goal={goal} needs --goal_threshold: how near to it counts as achieved"
+_BAD_INDEX = (
+    "{what}={text}: it takes numbers of the observation, as in obs[0:2] or obs[0,3]{more}; "
+    "there are {size}"
+)
+_BAD_VALUE = "{what}={text}: {count} numbers are chosen, and {values} given"
+_UNDETERMINED = (
+    "{word}: reset(seed=...) does not determine {what}: two episodes of one seed differ. HAC's "
+    "results are to depend on seeds alone; let the environment draw from self.np_random after "
+    "super().reset(seed=seed)"
+)
+GLOBAL_RANDOM = (
+    "it draws from numpy's or Python's global random generators, which are seeded for it here"
+)
+_PROBE_SEED, _PROBE_STEPS = 123, 5
+_BROKEN = [  # MuJoCo's warnings after which it resets the state in mid-episode
+    int(getattr(mujoco.mjtWarning, f"mjWARN_BAD{what}")) for what in ("QPOS", "QVEL", "QACC")
+]
+
+
+class Options(NamedTuple):
+    """What a person said of an environment beside its id."""
+
+    goal: str = ""  # 'obs[0:2]' or 'obs[0:2]=1,0': the goal of an environment without one
+    subgoal: str = ""  # 'obs[0:4]': the subgoal space; none: the goal space's own
+    threshold: tuple[float, ...] = ()  # of end goals, in place of compute_reward
+    train: Mapping[str, Any] | None = None  # options of resets
+    test: Mapping[str, Any] | None = None
+
+
+class View(NamedTuple):
+    """What one copy shows, flat and in float64."""
+
+    observation: np.ndarray  # [D]
+    achieved_goal: np.ndarray  # [G]
+    achieved_subgoal: np.ndarray  # [H]
+    desired_goal: np.ndarray  # [G]
+
+
+def finite(view: View) -> bool:
+    """Whether all of its numbers are."""
+    return all(bool(np.isfinite(part).all()) for part in view)
+
+
+class Reader:
+    """Turns an environment's observations into a View: which numbers are what.
+
+    Goals that the observation does not contain already are added to it: an agent that is not told
+    where it is cannot learn to go anywhere.
+    """
+
+    def __init__(self, word: str, env: gymnasium.Env, options: Options):
+        """Raises ValueError where there is no goal, or a choice of numbers that there are not."""
+        space = env.observation_space
+        self.word, self._options = word, options
+        self.goals = _has_goals(env)
+        if self.goals and options.goal:
+            raise ValueError(_HAS_GOAL.format(word=word))
+        if not self.goals and not options.goal:
+            raise ValueError(_NO_GOAL.format(word=word, space=_kind(space)))
+        if options.goal and not options.threshold:
+            raise ValueError(_NO_THRESHOLD.format(word=word, goal=options.goal))
+        parts = space.spaces if isinstance(space, gymnasium.spaces.Dict) else {}
+        self._space = parts["observation"] if self.goals else space
+        self._goal_space = parts["desired_goal"] if self.goals else None
+        size = gymnasium.spaces.flatdim(self._space)
+        text, _, fixed = options.goal.partition("=")
+        self._goal_at = None if self.goals else _indices("--goal", text, size, "=VALUES")
+        self.fixed_goal = self._fixed(fixed) if fixed else None
+        self._subgoal_at = _indices("--subgoal", options.subgoal, size) if options.subgoal else None
+        self.adds_goal = False
+
+    def _fixed(self, text: str) -> np.ndarray:
+        assert self._goal_at is not None
+        try:
+            values = np.array([float(number) for number in text.split(",")])
+        except ValueError:
+            values = np.zeros(0)
+        if len(values) != len(self._goal_at) or not np.isfinite(values).all():
+            raise ValueError(
+                _BAD_VALUE.format(
+                    what="--goal", text=self._options.goal, count=len(self._goal_at), values=text
+                )
+            )
+        return values
+
+    @property
+    def goal_shape(self) -> tuple[int, ...]:
+        if self._goal_space is not None and self._goal_space.shape is not None:
+            return self._goal_space.shape
+        return () if self._goal_at is None else self._goal_at.shape
+
+    @property
+    def goal_dtype(self) -> Any:
+        return np.float64 if self._goal_space is None else self._goal_space.dtype
+
+    def view(self, seen: Any, goal: np.ndarray | None = None) -> View:
+        """What an observation of the environment shows.
+
+        Args:
+          goal: the end goal, for environments that have none of their own.
+        """
+        own = seen["observation"] if self.goals else seen
+        flat = np.asarray(gymnasium.spaces.flatten(self._space, own), np.float64)
+        if self.goals:
+            achieved = np.array(seen["achieved_goal"], np.float64).ravel()
+            desired = np.array(seen["desired_goal"], np.float64).ravel()
+        else:
+            achieved = flat[self._goal_at]
+            desired = np.zeros_like(achieved) if goal is None else np.array(goal, np.float64)
+        subgoal = achieved if self._subgoal_at is None else flat[self._subgoal_at]
+        if self.adds_goal:
+            flat = np.concatenate([flat, achieved])
+        return View(flat, achieved, subgoal.copy(), desired)
+
+    def learn_what_is_there(self, views: Sequence[View]) -> None:
+        """Finds out from views whether the observation contains the achieved goal."""
+        observations = np.stack([view.observation for view in views])  # [K, D]
+        achieved = np.stack([view.achieved_goal for view in views])  # [K, G]
+        same = observations[:, :, None] == achieved[:, None, :]
+        self.adds_goal = not same.all(axis=0).any(axis=0).all()
+
+    def names(self) -> tuple[tuple[str, ...], tuple[str, ...]]:
+        """Names for the numbers of the goal space and the subgoal space."""
+        goals = (
+            tuple(f"goal[{i}]" for i in range(int(np.prod(self.goal_shape))))
+            if self._goal_at is None
+            else tuple(f"obs[{i}]" for i in self._goal_at)
+        )
+        at = self._subgoal_at
+        return goals, goals if at is None else tuple(f"obs[{i}]" for i in at)
+
+
+def _has_goals(env: gymnasium.Env) -> bool:
+    space = env.observation_space
+    there = isinstance(space, gymnasium.spaces.Dict) and all(
+        key in space.spaces for key in _GOAL_KEYS
+    )
+    return there and _method(env, "compute_reward") is not None
+
+
+def _method(env: gymnasium.Env, name: str) -> Callable | None:
+    """A method of the environment or of a wrapper around it."""
+    try:
+        return env.get_wrapper_attr(name)
+    except AttributeError:
+        return None
+
+
+def compute_reward(env: gymnasium.Env) -> Callable:
+    found = _method(env, "compute_reward")
+    assert found is not None
+    return found
+
+
+def _kind(space: gymnasium.Space) -> str:
+    if isinstance(space, gymnasium.spaces.Dict):
+        return f"a dictionary of {', '.join(space.keys())}"
+    return str(space)
+
+
+def _indices(what: str, text: str, size: int, more: str = "") -> np.ndarray:
+    """The numbers that `obs[0:2]` or `obs[0,3]` chooses of an observation of this size."""
+    found: list[int] = []
+    match = re.fullmatch(r"obs\[([\d:, ]*)\]", text.strip())
+    for part in match[1].split(",") if match else []:
+        span = re.fullmatch(r"\s*(\d+)(?:(:)(\d+))?\s*", part)
+        if not span:
+            found = []
+            break
+        first = int(span[1])
+        found += range(first, int(span[3]) if span[2] else first + 1)
+    if not found or max(found) >= size or len(set(found)) < len(found):
+        raise ValueError(_BAD_INDEX.format(what=what, text=text, size=size, more=more))
+    return np.array(found)
+
+
+class Lane:
+    """A copy of the environment. Its episodes depend on their seeds only."""
+
+    def __init__(self, env: gymnasium.Env, reader: Reader, seeds_global: bool):
+        self.env, self._reader, self._seeds_global = env, reader, seeds_global
+        self.owner: object = None  # whose episode it plays
+        self._random: Any = None  # states of the global generators, as the episode left them
+        self._space = making.check_actions(reader.word, env.action_space)
+        self.goal: np.ndarray | None = None
+        self._warned = 0  # warnings of MuJoCo at the start of the episode
+
+    def reset(self, seed: int, options: Mapping[str, Any] | None, goal: np.ndarray | None) -> View:
+        self.goal = goal
+        given = {} if options is None else {"options": dict(options)}
+        with _global_random(None) if self._seeds_global else contextlib.nullcontext():
+            if self._seeds_global:
+                np.random.seed(seed)
+                random.seed(seed)
+            seen, _ = self.env.reset(seed=seed, **given)
+            self._random = _states() if self._seeds_global else None
+        self._warned = self._warnings()
+        return self._reader.view(seen, goal)
+
+    def broke_down(self) -> bool:
+        """Whether MuJoCo found the state of this episode broken, and began anew by itself."""
+        return self._warnings() > self._warned
+
+    def _warnings(self) -> int:
+        data = getattr(self.env.unwrapped, "data", None)
+        if not isinstance(data, mujoco.MjData):
+            return 0
+        return int(data.warning.number[_BROKEN].sum())
+
+    def step(self, action: np.ndarray) -> tuple[View, bool, bool, Mapping[str, Any]]:
+        """The view after an action [A], whether the environment terminated or truncated, info."""
+        own = action.astype(self._space.dtype).reshape(self._space.shape)
+        with _global_random(self._random) if self._seeds_global else contextlib.nullcontext():
+            seen, _, terminated, truncated, info = self.env.step(own)
+            if self._seeds_global:
+                self._random = _states()
+        return self._reader.view(seen, self.goal), bool(terminated), bool(truncated), info
+
+
+def _states() -> tuple:
+    return np.random.get_state(), random.getstate()
+
+
+@contextlib.contextmanager
+def _global_random(states: tuple | None) -> Iterator[None]:
+    """Lends the process's global generators to an environment, and puts them back."""
+    before = _states()
+    try:
+        if states is not None:
+            np.random.set_state(states[0])
+            random.setstate(states[1])
+        yield
+    finally:
+        np.random.set_state(before[0])
+        random.setstate(before[1])
+
+
+class Pool:
+    """Copies of one environment, made when first needed.
+
+    Training and its tests take turns, so they play in the same copies: making one compiles a model.
+
+    Attributes:
+      reader: what the environment's observations mean.
+      notes: what a person should know of how it is handled.
+    """
+
+    def __init__(self, word: str, make: Callable[[], gymnasium.Env], options: Options):
+        """Makes a first copy, and looks at it.
+
+        Raises:
+          ValueError: HAC cannot train on it; one line says why.
+        """
+        self.word, self._make, self._options = word, make, options
+        self.notes: list[str] = []
+        first = make()
+        self.actions = making.check_actions(word, first.action_space)
+        self.reader = Reader(word, first, options)
+        self._seeds_global = False
+        self._lanes = [Lane(first, self.reader, False)]
+        self._check_seeds()
+        self.reader.learn_what_is_there(self._probe(self._lanes[0]))
+
+    @property
+    def env(self) -> gymnasium.Env:
+        """The first copy, for what does not change between episodes."""
+        return self._lanes[0].env
+
+    @property
+    def options(self) -> Options:
+        return self._options
+
+    def lanes(self, count: int) -> list[Lane]:
+        """The first `count` copies."""
+        while len(self._lanes) < count:
+            self._lanes.append(Lane(self._make(), self.reader, self._seeds_global))
+        return self._lanes[:count]
+
+    def close(self) -> None:
+        """Closes all copies but the first."""
+        while len(self._lanes) > 1:
+            self._lanes.pop().env.close()
+
+    def _check_seeds(self) -> None:
+        """Plays one seed three times, the third time in a copy of its own."""
+        lane = self._lanes[0]
+        different = self._differ(lane, self.lanes(2)[1])
+        if different:
+            self._seeds_global = True
+            self._lanes = [Lane(own.env, self.reader, True) for own in self._lanes]
+            if self._differ(*self._lanes):
+                raise ValueError(_UNDETERMINED.format(word=self.word, what=different))
+            self.notes.append(GLOBAL_RANDOM)
+
+    def _differ(self, lane: Lane, other: Lane) -> str:
+        """What differs between episodes of one seed, if anything does."""
+        first, again, elsewhere = self._probe(lane), self._probe(lane), self._probe(other)
+        for step, shown in enumerate(zip(first, again, elsewhere, strict=True)):
+            for fields in zip(*shown, strict=True):
+                if not all(np.array_equal(fields[0], own, equal_nan=True) for own in fields[1:]):
+                    return "what follows from actions" if step else "the start and goal"
+        return ""
+
+    def _probe(self, lane: Lane) -> list[View]:
+        """The start of an episode of one seed."""
+        rng = np.random.default_rng(_PROBE_SEED)
+        low, high = self.actions.low.ravel(), self.actions.high.ravel()
+        views = [lane.reset(_PROBE_SEED, self._options.train, None)]
+        views += [lane.step(rng.uniform(low, high))[0] for _ in range(_PROBE_STEPS)]
+        return views

@@ -1,0 +1,146 @@
+"""What episodes show of a task, and which of it will keep an agent from learning."""
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
+
+from tasks.task_spec import TaskSpec
+from tasks.worlds.estimates import About, Played, carried
+from tasks.worlds.settings import Settings
+
+_SOME = 0.05  # a share above which it is said
+_GOALS = 64  # end goals that states are held against
+_NEAR = 10  # thresholds
+
+_HELD = (
+    "{share:.0%} of episodes begin at their goal: success says little; let starts and goals lie "
+    "apart, or the threshold be smaller"
+)
+_NO_OVERLAP = (
+    "no state of any episode comes near any end goal (ten thresholds): hindsight teaches nothing "
+    "of where goals are; begin some training episodes near goals, or let goals lie where "
+    "episodes come"
+)
+_NOT_REACHED = (
+    "goals are asked for in {name} from {low:.3g} to {high:.3g}, and episodes came from "
+    "{least:.3g} to {most:.3g}: {share:.0%} of it"
+)
+_STILL = (
+    "what achieves the goal stood still in {share:.0%} of episodes: a subgoal there does not say "
+    "what to do about that; add what the agent moves itself to the subgoal space{how}"
+)
+_FAILED = "{share:.0%} of random episodes end in failure, after {steps:.0f} steps (median)"
+_CUT = "{share:.0%} of episodes diverge or are cut short by the environment"
+_STANDING = (
+    "a subgoal in {name} is achieved within {threshold:.3g}, but T_0 = {steps} steps carry "
+    "{far:.3g}: standing still would do"
+)
+_TOO_FINE = (
+    "a step carries {one:.3g} in {name}, and a subgoal is achieved within {threshold:.3g}: it "
+    "would be jumped over"
+)
+_SCALE = (
+    "observation {name} is divided by {scale:.3g}, and what was seen asks for {found:.3g}: "
+    "{ratio:.0f} times off"
+)
+_EASY = "{share:.0%} of random episodes succeed: there is little to learn"
+
+
+class Shares(NamedTuple):
+    """Shares of episodes."""
+
+    succeeded: float
+    held_at_start: float
+    failed: float
+    cut: float
+
+
+def shares(played: Played) -> Shares:
+    """How many of the episodes succeeded, began at the goal, failed, or were cut short."""
+    return Shares(*(float(flag.mean()) for flag in (played.success, played.held, played.failed,
+                                                    played.cut)))  # fmt: skip
+
+
+def warnings(
+    about: About, random: Played, everything: Played, settings: Settings, own: TaskSpec | None
+) -> Iterator[str]:
+    """A line for each thing that will make learning slow or impossible.
+
+    Args:
+      random: episodes of random actions.
+      everything: these, and those of an agent that has learnt a little.
+      own: spaces that somebody made for the task; they are held against what was seen.
+    """
+    found = shares(random)
+    if found.held_at_start > _SOME:
+        yield _HELD.format(share=found.held_at_start)
+    if found.succeeded > 0.5:
+        yield _EASY.format(share=found.succeeded)
+    if found.failed > _SOME:
+        steps = float(np.median(random.steps[random.failed]))
+        yield _FAILED.format(share=found.failed, steps=steps)
+    if found.cut > _SOME:
+        yield _CUT.format(share=found.cut)
+    if not overlap(about, everything, settings):
+        yield _NO_OVERLAP
+    yield from _unreached(about, everything, settings)
+    yield from _still(about, everything)
+    yield from _subgoals(about, everything, settings)
+    if own is not None:
+        yield from _scales(own, settings)
+
+
+def overlap(about: About, played: Played, settings: Settings) -> bool:
+    """Whether some state of some episode comes near some end goal, to a few thresholds."""
+    reached = played.achieved_goal[played.alive()]
+    asked = played.asked[-_GOALS:] if about.fixed_goal is None else about.fixed_goal[None]
+    near = _NEAR * np.array(settings.goal_threshold)
+    return bool((np.abs(reached[:, None] - asked[None]) <= near).all(axis=-1).any())
+
+
+def _unreached(about: About, played: Played, settings: Settings) -> Iterator[str]:
+    """Dimensions of the goal space in which less than half of what is asked for was reached."""
+    reached = played.achieved_goal[played.alive()]
+    least, most = reached.min(axis=0), reached.max(axis=0)
+    for i, name in enumerate(about.goal_names):
+        low, high = settings.goal_low[i], settings.goal_high[i]
+        share = (min(high, most[i]) - max(low, least[i])) / (high - low)
+        if share < 0.5:
+            yield _NOT_REACHED.format(
+                name=name, low=low, high=high, least=least[i], most=most[i], share=max(0.0, share)
+            )
+
+
+def _still(about: About, played: Played) -> Iterator[str]:
+    """Achieved goals that hardly ever move, as those of things that must first be touched."""
+    moved = np.ptp(played.achieved_goal, axis=0)  # [E, G]
+    width = np.ptp(played.achieved_goal, axis=(0, 1))
+    still = (moved <= 0.02 * width).all(axis=1).mean()
+    alike = np.array_equal(played.achieved_goal, played.achieved_subgoal)
+    if still > 0.5 and alike:
+        how = ", as in --subgoal=obs[0:6]" if about.goal_names[0].startswith("goal[") else ""
+        yield _STILL.format(share=still, how=how)
+
+
+def _subgoals(about: About, played: Played, settings: Settings) -> Iterator[str]:
+    steps = settings.horizons[1][0] if 1 in settings.horizons else 1
+    far, one = carried(played, steps, 0.75), carried(played, 1, 0.75)
+    for i, name in enumerate(about.subgoal_names):
+        threshold = settings.subgoal_threshold[i]
+        width = settings.subgoal_high[i] - settings.subgoal_low[i]
+        if threshold > far[i] > 0.05 * width:
+            yield _STANDING.format(name=name, threshold=threshold, steps=steps, far=far[i])
+        if threshold < 0.25 * one[i]:
+            yield _TOO_FINE.format(name=name, threshold=threshold, one=one[i])
+
+
+def _scales(own: TaskSpec, settings: Settings) -> Iterator[str]:
+    """Numbers of the observation whose scale is ten times off, or that lie far from zero."""
+    largest = np.abs(settings.observation_offset) + settings.observation_scale
+    for name, scale, found in zip(
+        own.observation_names, own.observation_scale, largest, strict=True
+    ):
+        ratio = max(scale / found, found / scale)
+        if ratio >= 10:
+            yield _SCALE.format(name=name, scale=scale, found=found, ratio=ratio)

@@ -1,0 +1,253 @@
+"""Scales, bounds and thresholds that a task comes without, as numbers a person can edit."""
+
+import dataclasses
+import re
+import tomllib
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from tasks.goal_space import GoalSpace
+from tasks.task_spec import TaskSpec
+from tasks.worlds.judging import Judge, JudgedSpace
+
+Numbers = tuple[float, ...]
+
+_LISTS = (
+    "observation.offset",
+    "observation.scale",
+    "goal.low",
+    "goal.high",
+    "goal.threshold",
+    "subgoal.low",
+    "subgoal.high",
+    "subgoal.threshold",
+)
+_MISSING = "{where}: {name} is missing; `python launch/fit.py --task=...` writes such a file"
+_NOT_NUMBERS = "{where}: {name} takes a list of finite numbers, such as [0.5, 1.0], not {value!r}"
+_NOT_COUNT = "{where}: max_steps takes a count, not {value!r}"
+_NOT_HORIZONS = (
+    "{where}: horizons.{name} takes {count} counts, the lowest level's first, not {value!r}"
+)
+_SURPLUS = "{where}: there is no setting {name!r}; there are {names}"
+
+
+@dataclasses.dataclass(frozen=True)
+class Settings:
+    """What `tasks.TaskSpec` needs to know that an environment does not say.
+
+    Attributes:
+      max_steps: control steps after which an episode is cut off.
+      observation_offset, observation_scale: [D] what is subtracted from observations, and what
+        they are then divided by, to come out about [-1, 1].
+      goal_low, goal_high: [G] where end goals are.
+      goal_threshold: [G] how far from one still counts; it only describes what is judged elsewhere.
+      subgoal_low, subgoal_high, subgoal_threshold: [H] where subgoals may be; how near is achieved.
+      horizons: by number of subgoal layers, T = (T_0, ..., T_n).
+    """
+
+    max_steps: int
+    observation_offset: Numbers
+    observation_scale: Numbers
+    goal_low: Numbers
+    goal_high: Numbers
+    goal_threshold: Numbers
+    subgoal_low: Numbers
+    subgoal_high: Numbers
+    subgoal_threshold: Numbers
+    horizons: Mapping[int, tuple[int, ...]]
+
+    def as_json(self) -> dict[str, Any]:
+        """In JSON's types; `read` takes it back."""
+        nested: dict[str, Any] = {"max_steps": self.max_steps}
+        for name in _LISTS:
+            part, _, field = name.partition(".")
+            nested.setdefault(part, {})[field] = list(getattr(self, name.replace(".", "_")))
+        nested["horizons"] = {str(layers): list(own) for layers, own in self.horizons.items()}
+        return nested
+
+
+def read(found: Mapping[str, Any], where: str) -> Settings:
+    """The settings in a mapping as `as_json` and a TOML file have them.
+
+    Raises:
+      ValueError: one is missing, misspelt or no number; the message says where and which.
+    """
+    flat: dict[str, Any] = {"max_steps": found.get("max_steps"), "horizons": {}}
+    if not isinstance(flat["max_steps"], int) or flat["max_steps"] < 1:
+        raise ValueError(_NOT_COUNT.format(where=where, value=flat["max_steps"]))
+    for name in _LISTS:
+        part, _, field = name.partition(".")
+        own = found.get(part)
+        if not isinstance(own, Mapping) or field not in own:
+            raise ValueError(_MISSING.format(where=where, name=name))
+        flat[name.replace(".", "_")] = _numbers(own[field], where, name)
+    for layers, counts in found.get("horizons", {}).items():
+        flat["horizons"][int(layers)] = _counts(layers, counts, where)
+    _refuse_surplus(found, where)
+    return Settings(**flat)
+
+
+def _numbers(value: Any, where: str, name: str) -> Numbers:
+    if not isinstance(value, list) or not all(type(n) in (int, float) for n in value):
+        raise ValueError(_NOT_NUMBERS.format(where=where, name=name, value=value))
+    if not value or not np.isfinite(value).all():
+        raise ValueError(_NOT_NUMBERS.format(where=where, name=name, value=value))
+    return tuple(map(float, value))
+
+
+def _counts(layers: str, value: Any, where: str) -> tuple[int, ...]:
+    wanted = int(layers) + 1 if str(layers).isdigit() else 1
+    whole = isinstance(value, list) and all(type(n) is int and n > 0 for n in value)
+    if not whole or not str(layers).isdigit() or len(value) != wanted:
+        raise ValueError(_NOT_HORIZONS.format(where=where, name=layers, count=wanted, value=value))
+    return tuple(value)
+
+
+def _refuse_surplus(found: Mapping[str, Any], where: str) -> None:
+    parts = {name.partition(".")[0] for name in _LISTS}
+    known = {"task", "max_steps", "horizons", *parts}
+    names = [name for name in found if name not in known]
+    for part in sorted(parts):
+        own = found[part]
+        names += [f"{part}.{field}" for field in own if f"{part}.{field}" not in _LISTS]
+    if names:
+        listed = ", ".join(["task", "max_steps", *_LISTS, "horizons"])
+        raise ValueError(_SURPLUS.format(where=where, name=names[0], names=listed))
+
+
+def spec_of(
+    settings: Settings,
+    *,
+    title: str,
+    control_timestep: float,
+    action_bounds: tuple[np.ndarray, np.ndarray],
+    goal_names: tuple[Sequence[str], Sequence[str]],
+    goal_units: tuple[Sequence[str], Sequence[str]],
+    observation_names: Sequence[tuple[str, int]],
+    judge: Judge,
+) -> TaskSpec:
+    """A task's spec with these settings.
+
+    Args:
+      goal_names, goal_units: of the goal space's dimensions, and of the subgoal space's.
+      observation_names: the parts of the observation, and how many numbers each has.
+      judge: what achieves an end goal.
+
+    Raises:
+      ValueError: the settings are for another number of observations or goals.
+    """
+    scale, sizes = list(settings.observation_scale), [size for _, size in observation_names]
+    if sum(sizes) != len(scale):
+        raise ValueError(
+            f"observation.scale has {len(scale)} numbers, and observations have {sum(sizes)}"
+        )
+    parts, start = {}, 0
+    for name, size in observation_names:
+        parts[name], start = scale[start : start + size], start + size
+    low, high, threshold = (
+        np.array(getattr(settings, f"goal_{name}")) for name in ("low", "high", "threshold")
+    )
+    return TaskSpec(
+        title=title,
+        control_timestep=control_timestep,
+        max_steps=settings.max_steps,
+        goal_space=JudgedSpace(
+            tuple(goal_names[0]), tuple(goal_units[0]), low, high, threshold, judge=judge
+        ),
+        subgoal_space=GoalSpace(
+            tuple(goal_names[1]),
+            tuple(goal_units[1]),
+            np.array(settings.subgoal_low),
+            np.array(settings.subgoal_high),
+            np.array(settings.subgoal_threshold),
+        ),
+        observation=parts,
+        offset=settings.observation_offset,
+        action_bounds=action_bounds,
+        horizons=settings.horizons,
+    )
+
+
+# -- As a file
+
+
+_TOML = """\
+# Spaces for {task}
+# Written by launch/fit.py from what it saw; edit what you know better, then train:
+#   python launch/run.py --task={file}
+task = {word}
+max_steps = {max_steps}  # control steps after which an episode is cut off
+
+# (observation - offset) / scale is about [-1, 1]. In the environment's own order.
+[observation]
+offset = {observation_offset}
+scale = {observation_scale}
+
+# Where end goals lie. {threshold_note}
+[goal]  # {goal_names}
+low = {goal_low}
+high = {goal_high}
+threshold = {goal_threshold}
+
+# Where subgoals may lie. A subgoal is achieved within the threshold, in every dimension.
+[subgoal]  # {subgoal_names}
+low = {subgoal_low}
+high = {subgoal_high}
+threshold = {subgoal_threshold}
+
+# T by number of subgoal layers: attempts of each level, the lowest first.
+[horizons]
+{horizons}
+"""
+_JUDGED = "The environment itself judges them: the threshold only describes it."
+
+
+def as_toml(settings: Settings, task: str, file: str, names: tuple[Sequence[str], ...]) -> str:
+    """The settings as a commented file for a task, whose word is `task`."""
+    lists = {
+        name.replace(".", "_"): _toml_list(getattr(settings, name.replace(".", "_")))
+        for name in _LISTS
+    }
+    return _TOML.format(
+        task=task.partition("?")[0],
+        word=_toml_string(task),
+        file=file,
+        max_steps=settings.max_steps,
+        threshold_note=_JUDGED,
+        goal_names=", ".join(names[0]),
+        subgoal_names=", ".join(names[1]),
+        horizons="\n".join(f"{n} = {list(own)}" for n, own in sorted(settings.horizons.items())),
+        **lists,
+    )
+
+
+def _toml_string(text: str) -> str:
+    if "'" not in text:
+        return f"'{text}'"
+    return '"' + re.sub(r'(["\\])', r"\\\1", text) + '"'
+
+
+def _toml_list(numbers: Numbers) -> str:
+    text = ", ".join(repr(float(number)) for number in numbers)
+    if len(text) < 90:
+        return f"[{text}]"
+    rows = [numbers[i : i + 8] for i in range(0, len(numbers), 8)]
+    lines = (f"  {', '.join(repr(float(number)) for number in row)},\n" for row in rows)
+    return "[\n" + "".join(lines) + "]"
+
+
+def from_toml(text: str, where: str) -> tuple[str, Settings]:
+    """The task's word and the settings of what `as_toml` wrote, and somebody may have edited.
+
+    Raises:
+      ValueError: it is no TOML, or something is missing or wrong; the message names it.
+    """
+    try:
+        found = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise ValueError(f"{where}: it is not TOML: {error}") from error
+    if not isinstance(found.get("task"), str):
+        raise ValueError(_MISSING.format(where=where, name="task"))
+    return found["task"], read(found, where)

@@ -1,0 +1,195 @@
+"""A task begun from a model, and what is said of one in which something is wrong."""
+
+import re
+from pathlib import Path
+
+import gymnasium
+import numpy as np
+import pytest
+
+import hac_suite
+import tasks
+from launch import check_task, new_task
+from tasks import check
+
+ARM = """
+<mujoco>
+  <option gravity="0 0 0"/>
+  <worldbody>
+    <body name="link">
+      <joint name="shoulder" axis="0 0 1" range="-90 90" damping="0.1"/>
+      <geom type="capsule" fromto="0 0 0 0.5 0 0" size=".05" mass="1"/>
+      <body name="fore" pos="0.5 0 0">
+        <joint name="elbow" axis="0 0 1" range="-120 120" damping="0.1"/>
+        <geom type="capsule" fromto="0 0 0 0.4 0 0" size=".04" mass="1" contype="0"/>
+        <site name="tip" pos="0.4 0 0"/>
+      </body>
+    </body>
+  </worldbody>
+  <actuator>
+    <motor joint="shoulder" ctrlrange="-1 1" gear="2"/>
+    <motor joint="elbow" ctrlrange="-1 1"/>
+  </actuator>
+  <sensor><jointpos joint="elbow"/></sensor>
+</mujoco>
+"""
+
+
+@pytest.fixture
+def arm(tmp_path, monkeypatch) -> Path:
+    """The file of a task begun from a model."""
+    (tmp_path / "model.xml").write_text(ARM)
+    monkeypatch.chdir(tmp_path)
+    assert new_task.main(["new_task", "arm", "model.xml", "--point=tip"]) == 0
+    return tmp_path / "arm.py"
+
+
+def checked(file: Path) -> list[check.Finding]:
+    return list(check.findings(tasks.find(f"{file}:arm")))
+
+
+def test_a_task_begun_from_a_model_passes_its_checks(arm, capsys):
+    assert [f for f in checked(arm) if f.verdict == "wrong"] == []
+    spec = tasks.spec(f"{arm}:arm")
+    assert spec.goal_space.names == ("tip_x", "tip_y")  # z never changes
+    assert spec.action_low.tolist() == [-1, -1] and spec.observation_dim == 6
+    assert spec.goal_space.high[0] == pytest.approx(0.95, abs=0.02)
+    # 90 degrees are 1.57 radians, whatever markers and robots say
+    environment = tasks.load(f"{arm}:arm")
+    model = environment.physics.model
+    assert model.jnt_range[0].tolist() == pytest.approx([-np.pi / 2, np.pi / 2], abs=1e-3)
+    assert model.ncam == model.nlight == 1
+
+
+def test_and_it_trains(arm):
+    config = hac_suite.Config(episodes_per_period=4, test_episodes=4, hidden_sizes=(16,))
+    task = tasks.find(f"{arm}:arm")
+    *_, result = hac_suite.train(
+        task.load_vector, config, [0], subgoal_layers=1, horizons=(15, 14), periods=1
+    )
+    assert result.rows[0]["train_steps"] > 0 and result.rows[0]["diverged_episodes"] == 0
+
+
+def test_gymnasiums_reacher_is_a_model_to_begin_from(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    model = Path(gymnasium.__file__).parent / "envs" / "mujoco" / "assets" / "reacher.xml"
+    assert new_task.main(["new_task", "reach", str(model)]) == 0
+    assert "became implicitfast" in capsys.readouterr().out
+    found = list(check.findings(tasks.find(f"{tmp_path}/reach.py:reach")))
+    assert [f for f in found if f.verdict == "wrong"] == []
+    assert tasks.spec(f"{tmp_path}/reach.py:reach").goal_space.names[0] == "fingertip_x"
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        # The file, changed as people change it; and what is to be said of it.
+        ('self._goal_marker = markers.Marker', "self._goal = self._goal_marker = markers.Marker",
+         "assigns self._goal, which tasks.base.GoalTask has already"),
+        ("    def achieved_goal(self, readings):", "    def get_reward(self, physics):\n"
+         "        return 1.0\n\n    def achieved_goal(self, readings):",
+         "get_reward of its own, which training never calls"),
+        ('"velocities": (', '"velocities": (200.0 * ', "times off"),
+        ("readings[..., _VELOCITIES]", "readings.T[_VELOCITIES].T if readings.ndim < 3 "
+         "else readings[0][..., _VELOCITIES]", "for many readings"),
+        ("random_state.uniform(_START_LOW, _START_HIGH))", "np.random.uniform(_START_LOW, "
+         "_START_HIGH))", "two episodes of one seed differ"),
+        ("lambda place: not _SPACE.achieved(place, goal)", "lambda place: "
+         "_SPACE.achieved(place, goal)", "begin at their goal|no valid start"),
+        ("        return goal\n", "        return goal + 9\n",
+         "hindsight teaches nothing|outside the bounds"),
+        ("observation_parts(self, readings):", "observation_parts(self, readings):\n"
+         "        1 / 0", "does not load: ZeroDivisionError.*changed.py, line"),
+        ("super().__init__(arena, _SPEC", "1 / 0\n        super().__init__(arena, _SPEC",
+         "the factory does not make the task: ZeroDivisionError.*changed.py, line"),
+        ('"place": readings[..., _PLACE],\n', '"place": readings[..., [0]],\n',
+         "its spec says observation parts and sizes"),
+        ("control_timestep=0.02", "control_timestep=0.021", "should be an integer multiple"),
+    ],
+)  # fmt: skip
+def test_what_is_wrong_with_a_task_is_said_with_a_remedy(arm, old, new, said):
+    text = arm.read_text()
+    assert old in text
+    if "200.0" in new:
+        text = re.sub(r'("velocities": )\(([\d.]+), ([\d.]+)\)', r"\1(200 * \2, 200 * \3)", text)
+    else:
+        text = text.replace(old, new, 1)
+    other = arm.with_name("changed.py")
+    other.write_text(text)
+    arm.with_suffix(".xml").rename(other.with_suffix(".xml"))
+    found = [f for f in checked(other) if f.verdict != "good"]
+    assert any(re.search(said, f.text, re.DOTALL) for f in found), found
+    assert all(f.remedy and "\n" not in f.text for f in found)
+
+
+@pytest.mark.parametrize(
+    ("pattern", "new", "said"),
+    [
+        (r"<sensor>.*</sensor>", "", "the model has no sensors.*jointpos"),
+        (r"<camera[^>]*/>", "", "no camera"),
+        (r"<light[^>]*/>", "", "no light"),
+        (r'range="-1.57\d* 1.57\d*"', 'range="-90 90"', "look like degrees"),
+        (r"<option ", '<option integrator="RK4" ', "RK4"),
+    ],
+)
+def test_what_is_wrong_with_a_model_is_said_with_a_remedy(arm, pattern, new, said):
+    file = arm.with_suffix(".xml")
+    text, count = re.subn(pattern, new, file.read_text(), flags=re.DOTALL)
+    assert count
+    file.write_text(text)
+    found = [f for f in checked(arm) if f.verdict != "good"]
+    assert any(re.search(said, f"{f.text} {f.remedy}") for f in found), found
+
+
+@pytest.mark.requires_gl
+def test_the_program_draws_a_picture_and_its_exit_status_tells(arm, capsys):
+    assert check_task.main(["check_task", f"{arm}:arm"]) == 0
+    shown = capsys.readouterr().out
+    assert "arm-arm.png: how it looks" in shown and "wrong" not in shown
+    assert (arm.parent / "arm-arm.png").stat().st_size > 2000
+    text = arm.read_text().replace("self._goal_marker = m", "self._goal = self._goal_marker = m")
+    other = arm.with_name("taken.py")
+    other.write_text(text)
+    other.with_suffix(".xml").write_text(arm.with_suffix(".xml").read_text())
+    assert check_task.main(["check_task", f"{other}:arm"]) == 1
+
+
+@pytest.mark.parametrize(
+    ("model", "words", "said"),
+    [
+        (ARM, ["Arm", "model.xml"], "small letters"),
+        (ARM, ["pick_place", "model.xml"], "its own"),
+        (ARM, ["arm", "none.xml"], "there is no model"),
+        (ARM, ["arm"], "a name and a model"),
+        (ARM, ["arm", "model.xml", "--point=hand"], "no site or body 'hand'; it has tip"),
+        ("<mujoco>", ["arm", "model.xml"], "is no MJCF that compiles"),
+        (re.sub("<actuator>.*</actuator>", "", ARM, flags=re.DOTALL), ["arm", "model.xml"],
+         "has no actuators"),
+        (ARM.replace('ctrlrange="-1 1" gear', "gear"), ["arm", "model.xml"], "has no ctrlrange"),
+    ],
+)  # fmt: skip
+def test_a_model_that_is_none_to_begin_from_is_refused(
+    model, words, said, tmp_path, monkeypatch, capsys
+):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "model.xml").write_text(model)
+    assert new_task.main(["new_task", *words]) == 2
+    assert said in capsys.readouterr().err
+    assert [path.name for path in tmp_path.iterdir()] == ["model.xml"]
+
+
+def test_files_are_not_written_over_unasked(arm, capsys):
+    assert new_task.main(["new_task", "arm", "model.xml"]) == 2
+    assert "arm.py is there already" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("word", "said"),
+    [
+        ("pick_plce", "did you mean 'pick_place'"),
+        ("gym:HACSuite/PickPlace-v0", "launch/fit.py"),
+    ],
+)
+def test_wrong_words_are_answered_in_one_line(word, said, capsys):
+    assert check_task.main(["check_task", word]) == 2
+    assert said in capsys.readouterr().err

@@ -1,0 +1,401 @@
+"""Others' environments in our engine: every habit that one may have, in a toy of its own."""
+
+import random
+
+import gymnasium
+import mujoco
+import numpy as np
+import pytest
+
+import hac_suite
+import tasks
+from hac_suite.algorithm import exploration, hierarchy, transitions
+from hac_suite.types import level_specs
+from tests.tasks.worlds import toys
+
+SEEDS = np.arange(6)
+
+
+def world(num_envs=6, *, steps=30, **options):
+    """Toys with these habits, and options of `from_gymnasium` (which begin with `with_`)."""
+    asked = {name.removeprefix("with_"): options.pop(name) for name in [*options]
+             if name.startswith("with_")}  # fmt: skip
+    return tasks.from_gymnasium(lambda: toys.Point(**options), num_envs, max_steps=steps, **asked)
+
+
+def towards_goal(env):
+    """The actor of a flat agent that walks straight to the goal."""
+
+    def act(observation, goal):
+        return np.clip(4 * (goal - observation[:, :2] - observation[:, 2:4]), -1, 1)
+
+    return [act]
+
+
+def played(env, actors, *, config=None, draws=None, test=False, seeds=SEEDS, on_step=None):
+    config = config or hac_suite.Config()
+    horizons = (env.max_steps,)
+    return hierarchy.collect(
+        env, actors, config, horizons, draws, seeds, test=test, on_step=on_step
+    )
+
+
+# -- Goals
+
+
+def test_the_environment_judges_by_its_own_shape_and_not_by_our_box():
+    env = world()
+    inside, corner = np.array([[0.09, 0.0]]), np.array([[0.09, 0.09]])
+    goal = np.zeros((1, 2))
+    assert env.goal_space.achieved(inside, goal).tolist() == [True]
+    assert env.goal_space.achieved(corner, goal).tolist() == [False]
+    np.testing.assert_allclose(env.goal_space.threshold, toys.RADIUS, rtol=1e-3)
+    box = (np.abs(corner - goal) <= env.goal_space.threshold).all()
+    assert box  # which is the difference
+    many = np.zeros((3, 4, 2))
+    assert env.goal_space.achieved(many, many).shape == (3, 4)
+    many[0, 0] = np.nan
+    assert env.goal_space.achieved(many, many).sum() == 11
+
+
+@pytest.mark.parametrize("terminates", [False, True])
+def test_an_episode_ends_at_the_goal_whether_the_environment_ends_it_or_not(terminates):
+    env = world(terminates=terminates)
+    views = []
+    run = played(env, towards_goal(env), test=True, on_step=views.append)
+    assert run.success.all() and not run.diverged.any()
+    assert len(set(run.steps)) > 1 and run.steps.max() < 30
+    for i in range(6):
+        at = views[run.steps[i]].env_step
+        before = views[run.steps[i] - 1].env_step
+        far = [np.linalg.norm(s.achieved_goal[i] - s.desired_goal[i]) for s in (before, at)]
+        assert far[0] > toys.RADIUS >= far[1]
+
+
+def test_an_end_goal_that_moves_is_pursued_and_judged_where_it_is():
+    env = world(goal_speed=0.01, with_test_options={"goal": [0.1, -0.2]})
+    views = []
+    run = played(env, towards_goal(env), test=True, on_step=views.append)
+    assert run.success.all()
+    start, end = views[0].env_step, views[run.steps[0]].env_step
+    np.testing.assert_allclose(end.desired_goal[0], start.desired_goal[0] + 0.01 * run.steps[0])
+    assert np.linalg.norm(end.achieved_goal[0] - end.desired_goal[0]) <= toys.RADIUS
+
+
+@pytest.mark.parametrize(
+    ("reward", "problem"),
+    [
+        ("dense", "gives [0-9]+ different rewards.*reward_type.*--goal_threshold"),
+        ("info", "compute_reward.*KeyError"),
+    ],
+)
+def test_a_reward_that_does_not_say_what_is_achieved_is_refused(reward, problem):
+    with pytest.raises(ValueError, match=problem):
+        world(reward=reward)
+    boxed = world(reward=reward, with_goal_threshold=0.2)
+    apart = np.array([[0.19, -0.19], [0.21, 0.0]])
+    assert boxed.goal_space.achieved(apart, np.zeros((2, 2))).tolist() == [True, False]
+
+
+def test_a_reward_for_one_pair_at_a_time_is_asked_for_one_by_one():
+    env, batched = world(reward="scalar"), world()
+    near = np.random.default_rng(0).uniform(-0.1, 0.1, (50, 2))
+    judged = env.goal_space.achieved(near, np.zeros_like(near))
+    np.testing.assert_array_equal(judged, batched.goal_space.achieved(near, np.zeros_like(near)))
+    assert 0 < judged.sum() < 50
+
+
+# -- Episodes
+
+
+def test_a_seed_decides_an_episode():
+    env, other = world(), world(2)
+    first, again = env.reset(SEEDS), other.reset(SEEDS[[3, 3]])
+    assert len(np.unique(first.desired_goal, axis=0)) == 6
+    for name in ("observation", "desired_goal"):
+        np.testing.assert_array_equal(getattr(again, name), getattr(first, name)[[3, 3]])
+
+
+def test_an_environment_that_draws_from_the_global_generators_is_seeded_and_said_so():
+    env = world(draws="global")
+    assert "global random generators" in env.notes[0]
+    np.random.seed(7)
+    random.seed(7)
+    before = np.random.get_state()[1].copy(), random.getstate()
+    actions = np.full((6, 2), 0.5)
+    runs = [
+        [env.reset(SEEDS).observation, *(env.step(actions).observation for _ in range(4))]
+        for _ in range(2)
+    ]
+    np.testing.assert_array_equal(*runs)
+    assert (runs[0][0][0] != runs[0][0][1]).any()
+    np.testing.assert_array_equal(np.random.get_state()[1], before[0])
+    assert random.getstate() == before[1]
+
+
+def test_what_no_seed_determines_is_refused():
+    with pytest.raises(ValueError, match=r"does not determine the start and goal.*np_random"):
+        world(draws="system")
+
+
+def test_an_environment_without_a_time_limit_asks_for_one():
+    with pytest.raises(ValueError, match=r"no time limit.*--max_steps"):
+        tasks.from_gymnasium(toys.Point)
+    assert world(steps=12).max_steps == 12
+    limited = tasks.from_gymnasium(lambda: gymnasium.wrappers.TimeLimit(toys.Point(), 9))
+    assert limited.max_steps == 9
+
+
+def test_a_time_limit_within_the_environment_is_found():
+    assert world(truncates_at=11).max_steps == 11
+
+
+def test_failing_ends_the_episode_and_is_learnt_from():
+    env = world(fails_above=0.5, start=(0.0, 0.0), speed=1.0)
+    right = [lambda observation, goal: np.tile([1.0, 0.0], (len(observation), 1))]
+    config = hac_suite.Config(episodes_per_period=6, episodes_per_round=6, action_noise=0.0,
+                              random_action_rate=0.0)  # fmt: skip
+    draws = exploration.draw_round([np.random.default_rng(0)], level_specs(env, (30,)), config, 30)
+    run = played(env, right, config=config, draws=draws)
+    failed = ~run.success
+    assert failed.any() and not run.diverged.any() and (run.steps[failed] < 5).all()
+    (level,) = transitions.build(
+        run, config, (30,), draws.hindsight, env.goal_space, env.subgoal_space
+    )
+    last = (level.next_observation[:, 0] > 0.5) & np.isin(level.env, np.flatnonzero(failed))
+    assert last.sum() >= failed.sum()
+    assert (level.reward[last] == -30).all() and (level.discount[last] == 0).all()
+    alive = (level.next_observation[:, 0] <= 0.5) & (level.discount > 0)
+    assert alive.any() and (level.reward[alive] == -1).all()
+
+
+def test_what_ends_at_the_goal_is_no_failure():
+    env = world(terminates=True)
+    run = played(env, towards_goal(env), test=True)
+    assert run.success.all()
+    assert not env.step(np.zeros((6, 2))).failed.any()
+
+
+def test_numbers_that_are_not_finite_are_a_divergence_and_keep_the_last_that_were():
+    env = world(nan_at=3)
+    env.reset(SEEDS)
+    before = [env.step(np.full((6, 2), 0.1)) for _ in range(2)][-1]
+    after = env.step(np.full((6, 2), 0.1))
+    assert after.diverged.all() and not after.failed.any()
+    np.testing.assert_array_equal(after.observation, before.observation)
+    assert not env.reset(SEEDS).diverged.any()
+
+
+def test_a_simulation_that_mujoco_begins_anew_has_diverged():
+    class Blown(toys.Point):
+        """Its physics blows up in the fourth step; MuJoCo then resets it and goes on."""
+
+        def __init__(self):
+            super().__init__()
+            xml = (
+                "<mujoco><worldbody><body><freejoint/><geom size='1'/></body></worldbody></mujoco>"
+            )
+            self.model = mujoco.MjModel.from_xml_string(xml)
+            self.data = mujoco.MjData(self.model)
+
+        def reset(self, **options):
+            mujoco.mj_resetData(self.model, self.data)
+            return super().reset(**options)
+
+        def step(self, action):
+            if self.steps == 3 and self.np_random.bit_generator.seed_seq.entropy == 5:
+                self.data.qvel[0] = np.inf
+            mujoco.mj_step(self.model, self.data)
+            return super().step(action)
+
+    env = tasks.from_gymnasium(Blown, 2, max_steps=9)
+    env.reset(np.array([4, 5]))
+    steps = [env.step(np.zeros((2, 2))) for _ in range(4)]
+    assert [step.diverged.tolist() for step in steps[2:]] == [[False, False], [False, True]]
+    assert np.isfinite(steps[-1].observation).all()
+    assert not env.reset(np.array([4, 6])).diverged.any()
+
+
+def test_options_of_resets_make_the_test_starts():
+    env = world(with_test_options={"goal": [0.25, 0.5]})
+    np.testing.assert_array_equal(env.reset(SEEDS, test=True).desired_goal, [[0.25, 0.5]] * 6)
+    assert len(np.unique(env.reset(SEEDS).desired_goal, axis=0)) == 6
+    both = world(with_train_options={"goal": [0.0, 0.0]})
+    np.testing.assert_array_equal(both.reset(SEEDS).desired_goal, np.zeros((6, 2)))
+
+
+def test_only_masked_environments_are_reset_and_stepped():
+    env = world()
+    env.reset(SEEDS)
+    mask = np.arange(6) < 2
+    stepped = env.step(np.full((6, 2), 2.0), mask)
+    moved = (stepped.achieved_goal != env.reset(SEEDS, mask=~mask).achieved_goal).any(axis=1)
+    assert not moved.any()  # those not stepped are where they begin
+    again = env.reset(SEEDS)
+    assert (again.achieved_goal[mask] != stepped.achieved_goal[mask]).any()
+
+
+def test_a_bad_action_and_an_error_in_the_environment_are_named():
+    env = world()
+    env.reset(SEEDS)
+    bad = np.zeros((6, 2))
+    bad[4, 1] = np.nan
+    with pytest.raises(ValueError, match="environment 4: actions must be finite"):
+        env.step(bad)
+
+    class Broken(toys.Point):
+        def step(self, action):
+            if self.steps == 8:
+                raise KeyError("battery")
+            return super().step(action)
+
+    broken = tasks.from_gymnasium(Broken, 2, max_steps=8)
+    broken.reset(SEEDS[:2])
+    for _ in range(8):
+        broken.step(np.zeros((2, 2)))
+    with pytest.raises(RuntimeError, match=r"Broken: environment 0 failed.*KeyError: 'battery'"):
+        broken.step(np.zeros((2, 2)))
+
+
+# -- Observations and actions
+
+
+def test_observations_of_dictionaries_and_single_precision_become_flat_and_double():
+    env = tasks.from_gymnasium(toys.Nested, 3, max_steps=20)
+    state = env.reset(SEEDS[:3])
+    assert state.observation.shape == (3, 2 + 3 + 2)  # Discrete(3) is one of three
+    assert {part.dtype for part in state[:4]} == {np.dtype(np.float64)}
+    assert env.goal_space.dim == 2 and env.spec.observation_dim == 7
+    np.testing.assert_array_equal(
+        env.goal_space.achieved(state.desired_goal, state.desired_goal), [True] * 3
+    )
+
+
+def test_an_agent_is_told_where_it_is():
+    blind, seeing = world(told_where=False), world()
+    assert [blind.spec.observation_dim, seeing.spec.observation_dim] == [4, 4]
+    state = blind.reset(SEEDS)
+    np.testing.assert_array_equal(state.observation[:, 2:], state.achieved_goal)
+    assert blind.spec.observation_names[2:] == ("achieved_goal[0]", "achieved_goal[1]")
+
+
+def test_actions_span_the_environments_own_range():
+    env = world()
+    np.testing.assert_array_equal(env.action_low, [-2, -2])
+    np.testing.assert_array_equal(env.action_high, [2, 2])
+
+
+def test_an_environment_without_goals_takes_a_projection_of_its_state():
+    kwargs = {"goal": "obs[0:1]", "goal_threshold": 0.05}
+    env = tasks.from_gymnasium(toys.Plain, 6, max_steps=20, **kwargs)
+    state = env.reset(SEEDS)
+    assert len(np.unique(state.desired_goal)) == 6
+    inside = (state.desired_goal >= env.goal_space.low) & (
+        state.desired_goal <= env.goal_space.high
+    )
+    assert inside.all() and -2.5 < env.goal_space.low[0] < -0.8
+    np.testing.assert_array_equal(state.desired_goal, env.reset(SEEDS).desired_goal)
+    np.testing.assert_array_equal(state.achieved_goal, state.observation[:, :1])
+    always = tasks.from_gymnasium(
+        toys.Plain, 2, max_steps=20, goal="obs[0,2]=0.5,3", subgoal="obs[0]", goal_threshold=0.1
+    )
+    state = always.reset(SEEDS[:2])
+    np.testing.assert_array_equal(state.desired_goal, [[0.5, 3.0]] * 2)
+    assert always.subgoal_space.names == ("obs[0]",)
+    assert always.goal_space.low[1] < 3 < always.goal_space.high[1]
+
+
+@pytest.mark.parametrize(
+    ("make", "options", "problem"),
+    [
+        (toys.Plain, {}, r"no.*dictionary of observation.*--goal='obs\[0:2\]'"),
+        (toys.Plain, {"goal": "obs[0:1]"}, "needs --goal_threshold"),
+        (toys.Plain, {"goal": "obs[2:5]", "goal_threshold": 1}, "there are 3"),
+        (toys.Plain, {"goal": "x", "goal_threshold": 1}, r"as in obs\[0:2\]"),
+        (toys.Plain, {"goal": "obs[0:2]=1", "goal_threshold": 1}, "2 numbers are chosen, and 1"),
+        (toys.Point, {"goal": "obs[0:1]"}, "it has goals of its own"),
+        (toys.Point, {"goal_threshold": (0.1, 0.1, 0.1)}, "it takes one, or 2"),
+        (lambda: toys.Plain("discrete"), {"goal": "obs[0]", "goal_threshold": 1},
+         r"actions are Discrete\(3\).*discrete actions are not supported"),
+        (lambda: toys.Plain("unbounded"), {"goal": "obs[0]", "goal_threshold": 1},
+         "no bounds.*RescaleAction"),
+    ],
+)  # fmt: skip
+def test_what_cannot_be_trained_on_is_refused_in_one_line(make, options, problem):
+    with pytest.raises(ValueError, match=problem) as refused:
+        tasks.from_gymnasium(make, max_steps=20, **options)
+    assert "\n" not in str(refused.value)
+
+
+# -- Copies, pictures, training
+
+
+def test_training_and_tests_share_their_copies():
+    toys.Point.made = 0
+    env = world(4)
+    training, test = env.copies(4), env.copies(10)
+    assert toys.Point.made == 10
+    actions = np.zeros((4, 2))
+    training.reset(SEEDS[:4])
+    training.step(actions)
+    test.reset(np.arange(10))
+    with pytest.raises(RuntimeError, match=r"copies are shared.*from_gymnasium"):
+        training.step(actions)
+    training.reset(SEEDS[:4])
+    training.step(actions)
+
+
+def test_pictures_are_the_environments_own_framed():
+    env = world(2, start=(0.0, 0.0))
+    env.reset(SEEDS[:2])
+    picture = env.render(1, width=80, height=60)
+    assert picture.shape == (60, 80, 3) and picture.dtype == np.uint8
+    assert not picture[:10].any() and not picture[-10:].any()  # twice as wide as high
+    assert picture[30, :42].all() and not picture[30, 44:].any()
+    env.show_subgoals(0, [np.zeros(2)])
+    with pytest.raises(RuntimeError, match="renders no frames"):
+        plain = tasks.from_gymnasium(toys.Plain, 1, max_steps=5, goal="obs[0]", goal_threshold=1)
+        plain.reset(SEEDS[:1])
+        plain.render(0)
+
+
+def test_observations_far_from_zero_are_centred():
+    env = tasks.from_gymnasium(toys.Plain, 2, max_steps=30, goal="obs[0]", goal_threshold=0.1)
+    state = env.reset(SEEDS[:2])
+    (level,) = level_specs(env, (30,))
+    assert env.observation_offset[0] == 0.0  # it lies about 0
+    assert (state.observation[:, 1] == 5).all()
+    np.testing.assert_allclose(level.scaled(state.observation)[:, 1], 0.0, atol=1e-9)
+    steps = np.array([[0.0, 5.0, 0.0], [0.0, 5.0, 30.0]])
+    np.testing.assert_allclose(level.scaled(steps)[:, 2], [-1, 1], atol=0.2)
+
+
+def test_agents_are_trained_and_the_way_they_are_grouped_changes_nothing():
+    env = world(terminates=True)
+    config = hac_suite.Config(episodes_per_period=8, test_episodes=3, hidden_sizes=(16,))
+
+    def rates(seeds):
+        results = hac_suite.train(
+            env.copies, config, seeds, subgoal_layers=1, horizons=(6, 6), periods=1
+        )
+        rows = [row for result in results for row in result.rows]
+        return {(r["seed"], r["period"]): (r["success_rate"], r["train_steps"]) for r in rows}
+
+    assert rates([0, 1]) == {**rates([1]), **rates([0])}
+
+
+def test_a_policy_acts_with_the_spec_as_in_tests():
+    env = world(told_where=False)
+    config = hac_suite.Config(episodes_per_period=4, test_episodes=2, hidden_sizes=(16,))
+    *_, result = hac_suite.train(
+        env.copies, config, [0], subgoal_layers=1, horizons=(6, 6), periods=1
+    )
+    policy, views = result.policies[0], []
+    hac_suite.run_episodes(env.copies(1), policy, np.array([3]), on_step=views.append)
+    policy.reset(env.spec)
+    alone = env.copies(1)
+    state = alone.reset(np.array([3]), test=True)
+    for view in views[1:6]:
+        action = policy.act(state.observation[0], state.desired_goal[0], state.achieved_subgoal[0])
+        state = alone.step(action[None])
+        np.testing.assert_array_equal(state.observation, view.env_step.observation)
