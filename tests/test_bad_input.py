@@ -153,14 +153,16 @@ def test_words_of_the_other_commands(try_all, tmp_path, monkeypatch):
         flags = play._flags()
         try:
             program.parse(flags, ["launch/play.py", *argv])
-            shown, _ = play._choose(flags, lists.task(flags.task))
+            task = lists.task(lists.task_word(flags))
+            play._output(flags)
+            shown = play._choose(flags, task)
         except program.HelpRequested:
             return
         except program.CommandError as error:
             return answered(error)
         # There are no runs here; without --run it may play what is published.
         assert flags.run is None
-        assert shown and all(path.parent == policies.PUBLISHED for path in shown)
+        assert shown and all(found.path.parent == policies.PUBLISHED for found in shown)
 
     check([])  # no words at all: the published policy
     try_all("words", st.lists(word, max_size=4), check)

@@ -179,7 +179,8 @@ def last_rows(results: pd.DataFrame) -> pd.DataFrame:
 
 def core_minutes(results: pd.DataFrame) -> pd.Series:
     """Minutes of a core that all seeds took together, by task and subgoal layers."""
-    last = last_rows(results.assign(core_seconds=core_seconds(results)))
+    complete = results.assign(core_seconds=core_seconds(results).to_numpy())
+    last = last_rows(complete.reset_index(drop=True))
     return last.groupby(_AGENT)["core_seconds"].sum() / 60
 
 
@@ -189,13 +190,16 @@ def core_seconds(results: pd.DataFrame) -> pd.Series:
     It is the column of that name. Rows of earlier versions lack it: seeds whose last tests ended
     within a moment of each other were trained in one process, whose time they share equally.
     """
+    index, results = results.index, results.reset_index(drop=True)  # which may repeat itself
     last = last_rows(results).sort_values("wall_seconds")
     apart = last.groupby(_AGENT)["wall_seconds"].diff().fillna(np.inf) > SAME_JOB_SECONDS
     job = apart.groupby([last[column] for column in _AGENT]).cumsum()
     size = last.groupby([*_AGENT, job])["seed"].transform("size").rename("size")
     sizes = results[[*_AGENT, "seed"]].merge(last[[*_AGENT, "seed"]].join(size), how="left")["size"]
-    shared = results["wall_seconds"] / sizes.to_numpy()
-    return results["core_seconds"].fillna(shared) if "core_seconds" in results else shared
+    found = results["wall_seconds"] / sizes
+    if "core_seconds" in results:
+        found = results["core_seconds"].fillna(found)
+    return found.set_axis(index)
 
 
 def n_label(counts: Iterable[int]) -> str:

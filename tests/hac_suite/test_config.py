@@ -17,7 +17,7 @@ from hac_suite.config import (
 
 
 def test_presets_differ_from_each_other():
-    assert len(set(PRESETS.values())) == len(PRESETS) == 3
+    assert len(set(PRESETS.values())) == len(PRESETS) == 4
 
 
 @pytest.mark.parametrize(
@@ -97,5 +97,6 @@ def test_a_field_that_was_not_there_yet_has_the_value_that_stood_for_it():
         "target_noise": 0.2,
         "target_noise_clip": 0.5,
         "policy_delay": 2,
+        "upper_updates_per_episode": 0,
     }
     assert completed(found) == found

@@ -73,8 +73,9 @@ def test_play_falls_back_on_published_policies(folder, tmp_path, monkeypatch, ca
     monkeypatch.chdir(tmp_path)
     flags = play._flags()
     flags(["", f"--task={TASK}", "--subgoal_layers=1"])
-    own = play._choose(flags, TASK)[0]
-    assert own[0].parent == folder.policies.relative_to(tmp_path)
+    own = play._choose(flags, TASK)
+    assert own[0].path.parent == folder.policies.relative_to(tmp_path)
     folder.path.rename(tmp_path / "gone")
-    assert play._choose(flags, TASK)[0] == [tmp_path / "policies" / f"{TASK}_1layers_seed1"]
+    (found,) = play._choose(flags, TASK)
+    assert found.path == tmp_path / "policies" / f"{TASK}_1layers_seed1"
     assert "playing the published one" in capsys.readouterr().out

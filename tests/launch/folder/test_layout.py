@@ -191,6 +191,7 @@ def test_preparing_removes_what_a_kill_left_half_written_and_nothing_else(folder
     for name in (".figure.12.tmp.png", "policies/.pick_place_1layers_seed0.7.tmp.json"):
         (folder.path / name).mkdir()
     folder.log(job).touch()
+    folder.replays.mkdir(exist_ok=True)
     for name in (
         ".figure.123.tmp.png", ".results.9.tmp.csv", ".report.77.tmp.html", ".subgoals.7.tmp.csv",
         "policies/.pick_place_1layers_seed3.12.tmp.safetensors",
@@ -307,7 +308,9 @@ def test_the_report_shows_the_commands_that_the_manifest_records(folder):
     for seeds in ("--seeds=1", "--seeds=2"):
         recorded = manifest.add_launch(recorded, ["launch/run.py", seeds], 2, "cpu")
     manifest.write(folder.manifest, recorded)
-    expected = "<pre>python launch/run.py --seeds=1\npython launch/run.py --seeds=2</pre>"
+    expected = (
+        '<pre tabindex="0">python launch/run.py --seeds=1\npython launch/run.py --seeds=2</pre>'
+    )
     assert expected in write_report(folder.path).read_text()
 
 

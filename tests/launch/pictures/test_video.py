@@ -109,7 +109,7 @@ def test_play_writes_a_strip_of_frames_from_a_renamed_run_folder(copy, tmp_path)
         (["--seed=4"], "no policy of 2 subgoal layers, seed 4; it has 2 subgoal layers: seeds 3"),
         (["--subgoal_layers=1"], "no policy of 1 subgoal layer"),
         (["--run=elsewhere"], "elsewhere holds no policies; train some with"),
-        (["--output=v.gif"], "ends in .mp4 or .png"),
+        (["--output=v.gif"], "ends in .mp4, .png or .html"),
         (["--sed=3"], "unknown flag 'sed': did you mean 'seed'?"),
         (["--episodes=0"], "--episodes=0"),
     ],
