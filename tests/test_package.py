@@ -128,6 +128,14 @@ def test_published_policies_are_found(away):
     assert found.count("[0, 1, 2]\n") == 5 == len(found.splitlines())
 
 
+def test_an_episode_is_written_as_a_page(away, site, tmp_path):
+    pytest.importorskip("viser", exc_type=ImportError)
+    words = ("--task=pendulum_climb", "--output=episode.html")
+    played = away(site / "bin" / "hac-play", *words)
+    assert played.returncode == 0, played.stderr
+    assert "hac-lanes" in (tmp_path / "episode.html").read_text()
+
+
 @pytest.mark.requires_gl
 def test_a_published_policy_is_played(away, site, tmp_path):
     played = away(site / "bin" / "hac-play", "--task=pendulum_climb", "--output=strip.png")
