@@ -23,7 +23,7 @@ import numpy as np
 import tasks
 from analysis import program
 from analysis.program import CommandError
-from tasks.check import Finding, findings
+from tasks.authoring.check import Finding, findings
 
 _HELP = """Checks a dm_control task of your own before you train it, and says how to mend it.
 

@@ -18,7 +18,7 @@ import tasks
 from analysis import program
 from analysis.program import CommandError
 from analysis.reading.files import write_text
-from tasks.beginning import begin
+from tasks.authoring.beginning import begin
 
 _HELP = """Begins a task of your own from an MJCF model: a point is to come to places it can reach.
 

@@ -7,12 +7,12 @@ registers every task with Gymnasium as "HACSuite/<Name>-v0".
 
 from tasks import to_gymnasium
 from tasks.finding import ALL, find, load, load_vector, spec, unfitted
-from tasks.from_gymnasium import from_gymnasium
 from tasks.goal_space import GoalSpace
 from tasks.task_spec import TaskSpec
 from tasks.vector import VectorEnv, VectorStep
 from tasks.worlds.fitted import Unfitted
 from tasks.worlds.words import compose as gym_word
+from tasks.worlds.world import from_gymnasium
 
 __all__ = [
     "ALL",

@@ -39,6 +39,8 @@ ROOMS = {
     "launch/viewing": {"asking", "folder", "jobs", "pictures"},
     "tasks/families": {".", "robots"},
     "tasks/robots": {"."},
+    "tasks/authoring": {".", "worlds"},
+    "tasks/to_gymnasium": {"."},
     "tasks/worlds": {"."},
 }
 # What a house's own files may import of its rooms; everything, where a house is not named.
@@ -51,11 +53,13 @@ OWN_FILES = {
     "hac_suite": set(),
 }
 EXCEPTIONS = {
-    "tasks/to_gymnasium.py": {"gymnasium"},
-    "tasks/to_gymnasium_vector.py": {"gymnasium"},
-    "tasks/from_gymnasium.py": {"gymnasium"},
     "tasks/worlds/lanes.py": {"gymnasium"},
     "tasks/worlds/making.py": {"gymnasium"},
+    "tasks/worlds/world.py": {"gymnasium"},
+    "tasks/to_gymnasium/__init__.py": {"gymnasium"},
+    "tasks/to_gymnasium/many.py": {"gymnasium"},
+    "tasks/to_gymnasium/one.py": {"gymnasium"},
+    "tasks/to_gymnasium/shared.py": {"gymnasium"},
     "launch/jobs/on_ray.py": {"ray"},
     "launch/pictures/stage.py": {"mujoco"},  # bodies as they are compiled
     "launch/viewing/live.py": {"glfw"},  # asked whether there is a display

@@ -12,7 +12,7 @@ from tasks.worlds import estimates
 from tasks.worlds.settings import Settings, spec_of
 
 if TYPE_CHECKING:
-    from tasks.from_gymnasium import World
+    from tasks.worlds.world import World
 
 _NO_COMPOSER = (
     "{word} is no dm_control task: there is no composer.Environment of it; use load_vector"

@@ -9,9 +9,9 @@ from collections.abc import Mapping
 from typing import Any
 
 from tasks import registry
-from tasks.from_gymnasium import World
 from tasks.worlds import fitted, making, settings
 from tasks.worlds.lanes import Options
+from tasks.worlds.world import World
 
 _PREFIX = "gym:"
 _OPTIONS = {

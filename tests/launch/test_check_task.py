@@ -10,7 +10,7 @@ import pytest
 import hac_suite
 import tasks
 from launch import check_task, new_task
-from tasks import check
+from tasks.authoring import check
 
 ARM = """
 <mujoco>

@@ -5,10 +5,10 @@ import pytest
 
 import hac_suite
 import tasks
-from tasks.from_gymnasium import World
 from tasks.worlds import estimates, fitted, seen
 from tasks.worlds.estimates import Played
 from tasks.worlds.lanes import Options
+from tasks.worlds.world import World
 from tests.tasks.worlds import toys
 
 

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 import tasks
-from tasks.from_gymnasium import World
 from tasks.worlds import estimates, making
 from tasks.worlds.lanes import Options
+from tasks.worlds.world import World
 from tests.tasks.worlds import toys
 
 POINT = "gym:tests.tasks.worlds.toys:HacToy/Point-v0"

@@ -1,4 +1,4 @@
-"""The Gymnasium face of many environments at once: what `gymnasium.make_vec` makes of our ids."""
+"""A task as many Gymnasium environments at once: what `gymnasium.make_vec` makes of our ids."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -8,13 +8,12 @@ import numpy as np
 from gymnasium.utils import seeding
 from gymnasium.vector.utils import batch_space
 
-from tasks import finding, to_gymnasium
-from tasks.goal_space import GoalSpace
+from tasks.to_gymnasium import shared
 
 _NO_LIMIT = 2**62
 
 
-class GoalVectorEnv(gymnasium.vector.VectorEnv):
+class GoalVectorEnv(shared.Face, gymnasium.vector.VectorEnv):
     """N environments of a task, stepped together by the suite's fast path.
 
         envs = gymnasium.make_vec("tasks:HACSuite/PickPlace-v0", num_envs=64)
@@ -26,7 +25,7 @@ class GoalVectorEnv(gymnasium.vector.VectorEnv):
     """
 
     metadata = {  # noqa: RUF012
-        "render_modes": ["rgb_array"],
+        "render_modes": shared.RENDER_MODES,
         "autoreset_mode": gymnasium.vector.AutoresetMode.NEXT_STEP,
     }
 
@@ -50,34 +49,16 @@ class GoalVectorEnv(gymnasium.vector.VectorEnv):
         Raises:
           ValueError: unknown task or render mode.
         """
-        to_gymnasium.check_render_mode(render_mode)
-        self._env = finding.load_vector(name, num_envs)
-        self.num_envs, self._test, self.render_mode = num_envs, test, render_mode
+        self._load(name, num_envs, test, render_mode)
+        self.num_envs = num_envs
         self._limit = _NO_LIMIT if max_episode_steps is None else max_episode_steps
-        self.metadata = {**self.metadata, "render_fps": round(1 / self._env.control_timestep)}
-        self.single_action_space = to_gymnasium.action_space(self._env)
-        self.single_observation_space = to_gymnasium.observation_space(self._env)
+        self.single_action_space = shared.action_space(self._env)
+        self.single_observation_space = shared.observation_space(self._env)
         self.action_space = batch_space(self.single_action_space, num_envs)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self._random = [seeding.np_random(None)[0] for _ in range(num_envs)]
-        self._episode_test = test
         self._steps = np.zeros(num_envs, np.int64)
         self._ended = np.zeros(num_envs, bool)
-
-    @property
-    def goal_space(self) -> GoalSpace:
-        """The space of end goals."""
-        return self._env.goal_space
-
-    @property
-    def subgoal_space(self) -> GoalSpace:
-        """The space of subgoals."""
-        return self._env.subgoal_space
-
-    @property
-    def observation_scale(self) -> np.ndarray:
-        """What "observation" is divided by to come out about [-1, 1]: [D]."""
-        return self._env.observation_scale
 
     def reset(
         self,
@@ -98,7 +79,7 @@ class GoalVectorEnv(gymnasium.vector.VectorEnv):
         mask = np.asarray(given.pop("reset_mask", np.ones(self.num_envs, bool)))
         if mask.shape != (self.num_envs,) or mask.dtype != bool:
             raise ValueError(f"reset_mask must be {self.num_envs} booleans, got {mask!r}")
-        test = to_gymnasium.checked_options(given).get("test", self._test)
+        test = shared.checked_options(given).get("test", self._test)
         for i, own in enumerate(self._seeds(seed)):
             if own is not None and mask[i]:
                 self._random[i] = seeding.np_random(own)[0]
@@ -118,7 +99,7 @@ class GoalVectorEnv(gymnasium.vector.VectorEnv):
         """Starts the episodes that each environment's own generator draws."""
         seeds = np.zeros(self.num_envs, np.int64)
         for i in np.flatnonzero(mask):
-            seeds[i] = self._random[i].integers(to_gymnasium.SEEDS)
+            seeds[i] = self._random[i].integers(shared.SEEDS)
         self._steps[mask], self._ended[mask] = 0, False
         return self._env.reset(seeds, mask=mask, test=test)
 
@@ -131,10 +112,8 @@ class GoalVectorEnv(gymnasium.vector.VectorEnv):
           ValueError: an action is not finite.
         """
         fresh, playing = self._ended.copy(), ~self._ended
-        low, high = self._env.action_low, self._env.action_high
-        actions = np.asarray(actions, dtype=np.float64)
-        natural = low + 0.5 * (np.where(fresh[:, None], 0.0, actions) + 1.0) * (high - low)
-        step = self._env.step(natural, playing)
+        actions = np.where(fresh[:, None], 0.0, np.asarray(actions, dtype=np.float64))
+        step = self._env.step(self._natural(actions), playing)
         if fresh.any():
             step = self._begin(fresh, self._test)
         self._steps[playing] += 1
@@ -150,14 +129,14 @@ class GoalVectorEnv(gymnasium.vector.VectorEnv):
         """A picture of each environment, uint8 [480, 640, 3], in render mode "rgb_array"."""
         if self.render_mode is None:
             return None
-        return tuple(to_gymnasium.picture(self._env, i) for i in range(self.num_envs))
+        return tuple(shared.picture(self._env, i) for i in range(self.num_envs))
 
     def close_extras(self, **kwargs: Any) -> None:
         """Frees the simulation."""
         self._env.close()
 
     def _observations(self, step: Any) -> dict[str, np.ndarray]:
-        return {key: getattr(step, key) for key in to_gymnasium.OBSERVED}
+        return {key: getattr(step, key) for key in shared.OBSERVED}
 
     def _infos(self, step: Any) -> dict[str, Any]:
         achieved = self.goal_space.achieved(step.achieved_goal, step.desired_goal)

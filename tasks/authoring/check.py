@@ -64,7 +64,7 @@ def findings(entry: registry.Entry) -> Iterator[Finding]:
 def _broken(what: str, error: Exception) -> Finding:
     """An exception, with the last line of a file of one's own that it came through."""
     steps = traceback.extract_tb(error.__traceback__)
-    own = [s for s in steps if "/tasks/check.py" not in s.filename.replace("\\", "/")
+    own = [s for s in steps if "/tasks/authoring/check.py" not in s.filename.replace("\\", "/")
            and "site-packages" not in s.filename]  # fmt: skip
     where = f" ({own[-1].filename}, line {own[-1].lineno})" if own else ""
     reason = " ".join(f"{type(error).__name__}: {error}".split())
