@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
 from analysis import program
+from analysis.figures.costs import COST_LABELS
 from analysis.figures.success import (
     Look,
     label_periods,
@@ -45,11 +46,7 @@ NOTHING_YET = "no runs yet"
 COLUMNS = (*schema.FIGURE_COLUMNS, "train_steps", "core_minutes", "flat")
 """figure5.csv: as figure.csv, the cost of one seed, and the name of an agent of `grid.FLATS`."""
 
-_AXES = {
-    "period": "test period (training episodes below)",
-    "train_steps": "environment steps in training",
-    "core_minutes": "minutes of a core for each seed",
-}
+_AXES = {"period": "test period (training episodes below)", **COST_LABELS}
 _SUFFIXES = {"period": "", "train_steps": "_steps", "core_minutes": "_minutes"}
 _FLAT_LOOKS = (
     Look("#3f8fe0", "x", ":", width=0.8, band=False),

@@ -152,7 +152,9 @@ class Config(LearnerConfig, ScheduleConfig, HierarchyConfig):
 
 def updates_of_level(config: LearnerConfig, level: int) -> int:
     """How many updates a level has for each training episode."""
-    return (level and config.upper_updates_per_episode) or config.updates_per_episode
+    if level > 0 and config.upper_updates_per_episode:
+        return config.upper_updates_per_episode
+    return config.updates_per_episode
 
 
 PAPER = Config()

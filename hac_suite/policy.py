@@ -149,7 +149,8 @@ class Policy:
         }
         description = {"format": _FORMAT, "horizons": list(self.horizons), **metadata}
         tensors_path, json_path = _files(path)
-        safetensors.torch.save_file(tensors, tensors_path)
+        # Not `save_file`: it lets nobody else read the file, and a kill leaves its temporary one.
+        tensors_path.write_bytes(safetensors.torch.save(tensors))
         json_path.write_text(json.dumps(description, indent=2) + "\n")
 
     @classmethod

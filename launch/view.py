@@ -64,9 +64,7 @@ def _flags() -> flags.FlagValues:
     values = flags.FlagValues()
     lists.define_task(values, "pick_place", lists.ANY_TASK)
     program.define_count(values, "subgoal_layers", 2, "which agent to begin with", least=0)
-    flags.DEFINE_string(
-        "run", None, "run folder; if not given, runs/TASK, or published policies", values
-    )
+    lists.define_run(values)
     program.define_count(
         values, "seed", None, "which policy to begin with; if not given, the median seed", least=0
     )

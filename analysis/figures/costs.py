@@ -5,7 +5,7 @@ from matplotlib.figure import Figure
 
 from analysis.figures.success import plot_success
 
-LABELS = {
+COST_LABELS = {
     "train_steps": "environment steps in training",
     "core_minutes": "minutes of a core for each seed",
 }
@@ -19,7 +19,9 @@ def draw_costs(summary: pd.DataFrame) -> Figure:
     """
     figure = Figure(figsize=(10, 4.0))
     figure.set_layout_engine("constrained", w_pad=0.12, h_pad=0.08)
-    for ax, (column, label) in zip(figure.subplots(1, 2, sharey=True), LABELS.items(), strict=True):
+    for ax, (column, label) in zip(
+        figure.subplots(1, 2, sharey=True), COST_LABELS.items(), strict=True
+    ):
         plot_success(ax, summary, legend=column == "train_steps", against=column)
         ax.set_title("")
         ax.set_xlabel(label)

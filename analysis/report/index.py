@@ -17,7 +17,7 @@ from analysis.reading.results import load
 from analysis.report.page import render
 from analysis.statistics.seeds import last_rows
 
-NAME = "index.html"
+INDEX = "index.html"
 
 _HELP = """Writes index.html: a page over all run folders of a folder.
 
@@ -56,8 +56,8 @@ def write_index(folder: Path, at_work: Collection[str] = ()) -> Path:
         running=[run["progress"] for run in runs if run["progress"]],
         runs=runs,
     )
-    write_text(folder / NAME, document)
-    return folder / NAME
+    write_text(folder / INDEX, document)
+    return folder / INDEX
 
 
 def _run(path: Path, at_work: bool) -> dict[str, Any]:

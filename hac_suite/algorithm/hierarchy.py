@@ -113,6 +113,11 @@ class Hierarchy:
         self._count(reached[self._top], state)
         self._finish(time, state, reached, last)
 
+    @property
+    def succeeded(self) -> np.ndarray:
+        """bool [N]: the end goal has been achieved in this episode."""
+        return self._round.success
+
     def _count(self, succeeded: np.ndarray, state: EnvStep) -> None:
         outcome = self._round
         outcome.steps[self._active] += 1

@@ -43,6 +43,13 @@ def define_task(values: flags.FlagValues, default: str | None, help: str) -> Non
         )
 
 
+def define_run(values: flags.FlagValues) -> None:
+    """Adds --run, the folder whose policies a program shows."""
+    flags.DEFINE_string(
+        "run", None, "run folder; if not given, runs/TASK, or published policies", values
+    )
+
+
 def task_word(values: flags.FlagValues) -> str:
     """The word that finds the task which the flags of `define_task` name.
 

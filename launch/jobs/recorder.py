@@ -10,7 +10,7 @@ from rich.console import Console
 import hac_suite
 from analysis.figures.success import write_figure
 from analysis.reading.schema import KEY
-from analysis.report.index import write_index
+from analysis.report.index import INDEX, write_index
 from launch.folder import manifest, results
 from launch.folder.agents import Job
 from launch.folder.layout import RunFolder
@@ -186,15 +186,20 @@ class Recorder:
             manifest.write(self.folders[task].manifest, self.manifests[task])
 
     def _draw(self, task: str) -> None:
-        """Refreshes the figure; a figure that cannot be drawn is no reason to stop training."""
+        """Refreshes the figure and the page over all runs.
+
+        What cannot be drawn is no reason to stop training.
+        """
         folder = self.folders[task]
-        try:
-            write_figure(folder.path)
-            write_index(folder.path.parent, self._at_work)
-        except Exception as error:
-            self._console.print(
-                f"warning: {folder.figure} was not refreshed: {error}", soft_wrap=True
-            )
+        runs = folder.path.parent
+        for path, draw in (
+            (folder.figure, lambda: write_figure(folder.path)),
+            (runs / INDEX, lambda: write_index(runs, self._at_work)),
+        ):
+            try:
+                draw()
+            except Exception as error:
+                self._console.print(f"warning: {path} was not refreshed: {error}", soft_wrap=True)
         self._outdated.discard(task)
         self._drawn[task] = time.monotonic()
 

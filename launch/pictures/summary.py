@@ -75,8 +75,7 @@ def _video(folder: RunFolder, layers: int, console: Console, stop: StopSignal) -
     """Renders the agent's video unless it is current; what prevents it is said, not raised."""
     target = folder.video(layers)
     try:
-        found = policies.find(folder.policies)
-        own = [policy for policy in found if policy.subgoal_layers == layers]
+        own = _policies(folder, layers)
         if not own or _is_current(target, own):
             return
         console.print(f"rendering {target}", soft_wrap=True)
@@ -93,8 +92,7 @@ def _replay(folder: RunFolder, layers: int, console: Console) -> None:
     target = folder.replay(layers)
     try:
         scene.load()
-        found = policies.find(folder.policies)
-        own = [policy for policy in found if policy.subgoal_layers == layers]
+        own = _policies(folder, layers)
         if own and not _is_current(target, own):
             replay.render([policy.path for policy in policies.typical(own)], target)
     except scene.ViewerMissing:
@@ -104,9 +102,15 @@ def _replay(folder: RunFolder, layers: int, console: Console) -> None:
         console.print(f"warning: no replay of {agent}: {error}", soft_wrap=True, markup=False)
 
 
-def _is_current(video: Path, own: Sequence[policies.Found]) -> bool:
-    """Whether the agent's video is there, and none of its policies is newer."""
-    if not video.exists():
+def _policies(folder: RunFolder, layers: int) -> list[policies.Found]:
+    """Those of one agent."""
+    found = policies.find(folder.policies)
+    return [policy for policy in found if policy.subgoal_layers == layers]
+
+
+def _is_current(picture: Path, own: Sequence[policies.Found]) -> bool:
+    """Whether the agent's video or replay is there, and none of its policies is newer."""
+    if not picture.exists():
         return False
     files = [file for policy in own for file in policy_files(policy.path)]
-    return video.stat().st_mtime > max(file.stat().st_mtime for file in files)
+    return picture.stat().st_mtime > max(file.stat().st_mtime for file in files)

@@ -90,9 +90,7 @@ class Episode:
         seen = self._hierarchy.view(self.step, self._state)
         self.ended = self._ends(seen)
         self.over = not seen.active[0]
-        self.succeeded = self.over and bool(
-            self._env.goal_space.achieved(self._state.achieved_goal, self._state.desired_goal)[0]
-        )
+        self.succeeded = bool(self._hierarchy.succeeded[0])
         if not self.over:
             self._action = self._hierarchy.choose(self._state.observation, self.step)
         self._show()

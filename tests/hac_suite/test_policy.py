@@ -2,6 +2,7 @@
 
 import itertools
 import json
+import os
 import pickle
 from pathlib import Path
 
@@ -38,6 +39,16 @@ def act(policy: Policy) -> list[np.ndarray]:
     observation = rng.normal(size=(5, 4))
     actors = policy.actors(specs)
     return [actor(observation, goal).copy() for actor, goal in zip(actors, goals, strict=True)]
+
+
+def test_a_saved_policy_can_be_read_by_whom_the_umask_lets(policy, tmp_path):
+    before = os.umask(0o022)
+    try:
+        policy.save(tmp_path / "p", {"task": "point", "seed": 1})
+    finally:
+        os.umask(before)
+    modes = {path.name: path.stat().st_mode & 0o777 for path in tmp_path.iterdir()}
+    assert modes == {"p.json": 0o644, "p.safetensors": 0o644}
 
 
 def test_a_saved_policy_acts_the_same(policy, tmp_path):

@@ -179,6 +179,12 @@ def test_a_stopped_launch_goes_on_with_the_same_command(tmp_path, capsys):
     assert load(tmp_path / "pendulum_climb")["period"].tolist() == [0, 1]
 
 
+def test_a_page_over_all_runs_links_the_report(tmp_path):
+    assert launch(tmp_path, "--seeds=1", "--periods=1") == 0
+    page = (tmp_path / "index.html").read_text()
+    assert 'href="pendulum_climb/report.html"' in page and "At work" not in page
+
+
 def test_pictures_that_fail_do_not_harm_training(tmp_path, capsys, monkeypatch):
     def broken(_):
         raise ValueError("no ink")

@@ -8,7 +8,8 @@ from dm_control import composer
 from dm_env import test_utils
 
 import tasks
-from tasks import base, check, markers
+from tasks import base, markers
+from tasks.authoring import check
 from tests.tasks import scripted
 
 _EVERY_TASK = pytest.mark.parametrize("name", tasks.ALL)
