@@ -8,9 +8,8 @@ PARALLEL ?= -n logical --maxprocesses 8 --dist worksteal
 
 BIN := .venv/bin
 STAMP := .venv/.stamp
-DOCS_STAMP := .venv/.stamp-docs
 
-.PHONY: help setup run demo test test-all lint bench doctor docs
+.PHONY: help setup run demo test test-all lint bench doctor docs hashes audit
 
 help:
 	@echo "make run [TASK=pick_place] [SEEDS=10] [ARGS=...]   train, then draw curves and videos (TASK=all: all five)"
@@ -19,16 +18,30 @@ help:
 	@echo "make lint      ruff and mypy;    make bench: speed against peers and limits (15 minutes)"
 	@echo "make doctor    what this machine can do, and how to mend what it cannot"
 	@echo "make docs      the documentation as web pages: build/docs/index.html"
+	@echo "make hashes    after a change of constraints.txt: the files that setup accepts"
+	@echo "make audit     known vulnerabilities of what setup installs"
 
 setup: $(STAMP)
 
-$(STAMP): pyproject.toml constraints.txt
+# Files whose hashes are not those of hashes.txt are refused. torch comes in several builds, so its version alone is pinned.
+$(STAMP): pyproject.toml constraints.txt hashes.txt
 	@echo "==> setup: creating .venv and installing the pinned versions (a few minutes the first time)"
 	@$(PYTHON) -c 'import sys; sys.exit("Python 3.11 or newer is needed, $(PYTHON) is " + sys.version.split()[0] + "; choose another with PYTHON=python3.x" if sys.version_info < (3, 11) else 0)'
 	@$(BIN)/python -m pip --version >/dev/null 2>&1 || $(PYTHON) -m venv --clear .venv
-	PIP_CONSTRAINT=constraints.txt PIP_BUILD_CONSTRAINT=constraints.txt \
-		$(BIN)/python -m pip install -qq --constraint constraints.txt --editable '.[dev,notebooks]'
+	$(BIN)/python -m pip install -qq --require-hashes --no-deps -r hashes.txt
+	PIP_CONSTRAINT=constraints.txt $(BIN)/python -m pip install -qq --no-build-isolation --editable '.[dev,docs,notebooks]'
 	@touch $(STAMP)
+
+hashes:
+	@echo "==> hashes: of the versions in constraints.txt, into hashes.txt"
+	$(PYTHON) -m venv build/uv && build/uv/bin/python -m pip install -qq uv
+	build/uv/bin/uv pip compile constraints.txt --no-deps --generate-hashes --no-emit-package torch \
+		--no-header --no-annotate -q -o hashes.txt
+
+audit:
+	@echo "==> audit: known vulnerabilities of the pinned versions; fails if the database cannot be reached"
+	$(PYTHON) -m venv build/audit && build/audit/bin/python -m pip install -qq pip-audit
+	build/audit/bin/pip-audit --strict --progress-spinner=off --disable-pip --require-hashes -r hashes.txt
 
 run: $(STAMP)
 	@echo "==> run: training $(TASK) over $(SEEDS) seeds into runs/"
@@ -43,7 +56,7 @@ test: $(STAMP)
 	@echo "==> test: the quick tests"
 	$(BIN)/python -m pytest -m "not slow" $(PARALLEL) $(ARGS)
 
-test-all: $(STAMP) $(DOCS_STAMP)
+test-all: $(STAMP)
 	@echo "==> test-all: every test, the slow ones as well"
 	$(BIN)/python -m pytest $(PARALLEL) $(ARGS)
 
@@ -61,11 +74,6 @@ doctor: $(STAMP)
 	@echo "==> doctor: what this machine can do"
 	$(BIN)/python launch/doctor.py
 
-$(DOCS_STAMP): $(STAMP)
-	PIP_CONSTRAINT=constraints.txt PIP_BUILD_CONSTRAINT=constraints.txt \
-		$(BIN)/python -m pip install -qq --constraint constraints.txt --editable '.[docs]'
-	@touch $(DOCS_STAMP)
-
-docs: $(DOCS_STAMP)
+docs: $(STAMP)
 	@echo "==> docs: building build/docs/index.html; a warning is an error"
 	$(BIN)/python -m sphinx -W --keep-going -q -d build/doctrees docs build/docs

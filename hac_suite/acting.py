@@ -39,7 +39,7 @@ class Episode:
         """
         seen = self._seen(observation, goal, achieved_subgoal)
         if self._time == 0:
-            self._hierarchy.begin(seen, horizon=0)
+            self._hierarchy.begin(seen, max_steps=0)
         else:
             self._hierarchy.follow(self._time - 1, seen, last=False)
         self._hierarchy.goal[-1][:] = seen.desired_goal  # it may have moved

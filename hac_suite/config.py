@@ -232,8 +232,8 @@ def horizons(
 ) -> tuple[int, ...]:
     """Attempts (T_0, ..., T_n) of each level: the least equal T_i whose product spans `max_steps`.
 
-    The paper uses one T for all levels (Section 3.2). The agent without subgoal layers gets the
-    whole horizon.
+    The paper uses one T for all levels (Section 3.2). The agent without subgoal layers gets
+    `max_steps`.
 
     Args:
         own: a task's own attempts, by number of subgoal layers; they take the place of equal ones.

@@ -32,6 +32,21 @@ def view() -> None:
     _program("launch.view")
 
 
+def fit() -> None:
+    """`hac-fit` is `python launch/fit.py`: estimates the settings of another's environment."""
+    _program("launch.fit")
+
+
+def check_task() -> None:
+    """`hac-check-task` is `python launch/check_task.py`: what is wrong with a task of one's own."""
+    _program("launch.check_task")
+
+
+def new_task() -> None:
+    """`hac-new-task` is `python launch/new_task.py`: a task file to begin with, from an MJCF."""
+    _program("launch.new_task")
+
+
 def _program(module: str) -> None:
     """Runs a module as if it had been typed; it ends with SystemExit."""
     runpy.run_module(module, run_name="__main__")

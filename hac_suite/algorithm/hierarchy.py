@@ -75,26 +75,26 @@ class Hierarchy:
         on_step: Callable[[StepView], None] | None = None,
     ) -> Round:
         """Runs an episode in every environment (Algorithm 1, its innermost loops)."""
-        horizon = env.max_steps
+        max_steps = env.max_steps
         state = env.reset(episode_seeds, test=test)
-        self.begin(state, horizon)
-        for time in range(horizon):
+        self.begin(state, max_steps)
+        for time in range(max_steps):
             actions = self.choose(state.observation, time)
             if on_step and time == 0:
                 on_step(self.view(0, state))
             state = env.step(actions, self._active)
-            self.follow(time, state, last=time + 1 == horizon)
+            self.follow(time, state, last=time + 1 == max_steps)
             if on_step:
                 on_step(self.view(time + 1, state))
             if not self._active.any():
                 break
         return self._round
 
-    def begin(self, state: EnvStep, horizon: int) -> None:
-        """Takes the end goals of episodes of at most `horizon` steps that begin in `state`."""
+    def begin(self, state: EnvStep, max_steps: int) -> None:
+        """Takes the end goals of episodes of at most `max_steps` steps that begin in `state`."""
         self.goal[self._top] = state.desired_goal.copy()
         self._active = ~state.diverged
-        recorded = 0 if self._draws is None else horizon
+        recorded = 0 if self._draws is None else max_steps
         self._round = Round.empty(recorded, state, self._output, self.goal)
 
     def choose(self, observation: np.ndarray, time: int) -> np.ndarray:
@@ -104,7 +104,7 @@ class Hierarchy:
         return self._centre + self._half_range * self._output[0]
 
     def follow(self, time: int, state: EnvStep, *, last: bool) -> None:
-        """Takes note of the state that the actions of `time` led to; `last`: the horizon is up.
+        """Takes note of the state that the actions of `time` led to; `last`: `max_steps` are up.
 
         An end goal that has moved is judged, and pursued, where it is now.
         """

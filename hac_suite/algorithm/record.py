@@ -39,19 +39,19 @@ class LevelRecord(NamedTuple):
     failed: np.ndarray  # bool: the environment ended the episode here, in failure
 
     @classmethod
-    def empty(cls, horizon: int, output: np.ndarray, goal: np.ndarray) -> "LevelRecord":
-        """Room for `horizon` steps of a level with outputs [N, A] and goals [N, G]."""
+    def empty(cls, max_steps: int, output: np.ndarray, goal: np.ndarray) -> "LevelRecord":
+        """Room for `max_steps` steps of a level with outputs [N, A] and goals [N, G]."""
 
         def flags() -> np.ndarray:
-            return np.zeros((horizon, len(output)), bool)
+            return np.zeros((max_steps, len(output)), bool)
 
         return cls(
             done=flags(),
-            start=np.zeros((horizon, len(output)), np.int64),
-            output=np.zeros((horizon, *output.shape)),
-            goal=np.zeros((horizon, *goal.shape)),
+            start=np.zeros((max_steps, len(output)), np.int64),
+            output=np.zeros((max_steps, *output.shape)),
+            goal=np.zeros((max_steps, *goal.shape)),
             reached=flags(),
-            outcome=np.zeros((horizon, len(output)), np.int8),
+            outcome=np.zeros((max_steps, len(output)), np.int8),
             tested=flags(),
             segment_end=flags(),
             failed=flags(),
@@ -80,19 +80,19 @@ class Round(NamedTuple):
     @classmethod
     def empty(
         cls,
-        horizon: int,
+        max_steps: int,
         state: EnvStep,
         outputs: Sequence[np.ndarray],
         goals: Sequence[np.ndarray],
     ) -> "Round":
-        """Room for `horizon` steps that begin in `state`; `horizon` 0 keeps the outcome alone."""
+        """Room for `max_steps` steps that begin in `state`; 0 keeps the outcome alone."""
         n = len(state.diverged)
         levels = zip(outputs, goals, strict=True)
         made = cls(
-            observation=np.zeros((horizon + 1, *state.observation.shape)),
-            achieved_goal=np.zeros((horizon + 1, *state.achieved_goal.shape)),
-            achieved_subgoal=np.zeros((horizon + 1, *state.achieved_subgoal.shape)),
-            levels=[LevelRecord.empty(horizon, output, goal) for output, goal in levels],
+            observation=np.zeros((max_steps + 1, *state.observation.shape)),
+            achieved_goal=np.zeros((max_steps + 1, *state.achieved_goal.shape)),
+            achieved_subgoal=np.zeros((max_steps + 1, *state.achieved_subgoal.shape)),
+            levels=[LevelRecord.empty(max_steps, output, goal) for output, goal in levels],
             success=np.zeros(n, bool),
             steps=np.zeros(n, np.int64),
             diverged=np.zeros(n, bool),

@@ -79,8 +79,8 @@ def build(
 def penalised(record: LevelRecord, config: Config) -> np.ndarray:
     """bool [H, N]: attempts of a subgoal level that failed their test (Section 3.2).
 
-    One cut short by a higher goal or by the horizon is no evidence that the subgoal was out of
-    reach.
+    One cut short by a higher goal or by the episode's end is no evidence that the subgoal was
+    out of reach.
     """
     failed = record.outcome == Outcome.MISSED
     if config.penalise_cut_short:

@@ -95,7 +95,7 @@ def horizons(
     attempts: int | str,
     own: Mapping[int, tuple[int, ...]],
 ) -> tuple[int, ...]:
-    """T of all levels, given T_0: those above share what is left of the horizon equally.
+    """T of all levels, given T_0: those above share what is left of the episode equally.
 
     A task of 400 steps with T_0 = 8 leaves 50 for two levels: (8, 8, 7).
 

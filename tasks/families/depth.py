@@ -26,9 +26,9 @@ def attempts(coarse: Attempts, rate: int) -> Attempts:
     """T of an agent that decides `rate` times as often as one whose T is `coarse`.
 
     Level 0 has `rate` times the attempts, and the levels above as many as before. So a goal of any
-    level stands for as many seconds as at the suite's rate, and what level 0 leaves of the horizon
+    level stands for as many seconds as at the suite's rate, and what level 0 leaves of the episode
     is shared as it was there. The rule is the same for every agent; without subgoal layers, T_0 is
-    the whole horizon.
+    `max_steps`.
 
         attempts((6, 6, 6), 2) == (12, 6, 6)
     """

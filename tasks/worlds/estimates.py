@@ -81,14 +81,14 @@ def random_actions(about: About, num_envs: int, seed: int) -> Act:
 
 def play(env: Any, judge: judging.Judge, act: Act, seeds: np.ndarray, *, test: bool) -> Played:
     """One episode in each environment, to the goal if it comes to that."""
-    state, horizon = env.reset(seeds, test=test), env.max_steps
+    state, max_steps = env.reset(seeds, test=test), env.max_steps
     shown = [state]
     goal = state.desired_goal.copy()
     held = judge(state.achieved_goal, goal)
     running = ~state.diverged
     steps, success = np.zeros(len(seeds), np.int64), np.zeros(len(seeds), bool)
     failed, cut = np.zeros(len(seeds), bool), state.diverged.copy()
-    for time in range(horizon):
+    for time in range(max_steps):
         if not running.any():
             break
         state = env.step(act(time, state), running)
@@ -99,7 +99,7 @@ def play(env: Any, judge: judging.Judge, act: Act, seeds: np.ndarray, *, test: b
         failed |= running & lost
         cut |= running & state.diverged
         running &= ~state.diverged & ~lost & ~success
-    shown += [state] * (horizon + 1 - len(shown))
+    shown += [state] * (max_steps + 1 - len(shown))
     return Played(
         **{field: np.stack([getattr(each, field) for each in shown]) for field in _TIMES},
         asked=goal,

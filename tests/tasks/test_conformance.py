@@ -283,7 +283,7 @@ def test_the_goal_is_reachable(name):
     env = tasks.load_vector(name, 16)
     taken = scripted.steps_to_goal(env, scripted.SOLUTIONS[name], np.arange(16))
     assert np.isfinite(taken).all(), taken
-    # The horizon leaves a learner room, as the paper's horizons do.
+    # max_steps leaves a learner room, as the paper's episodes do.
     assert 1.5 * np.median(taken) <= env.max_steps <= 6 * np.median(taken)
 
 

@@ -6,6 +6,7 @@ import pytest
 import hac_suite
 import tasks
 
+pytestmark = pytest.mark.slow
 robotics = pytest.importorskip(
     "gymnasium_robotics", reason="gymnasium-robotics is not installed: pip install '.[worlds]'"
 )
