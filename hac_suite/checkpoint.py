@@ -1,6 +1,7 @@
 """Checkpoints of a seed: two files each that a kill, a full disk or a flipped bit cannot fake.
 
-A folder holds one seed's newest checkpoint and the one before, named by training episodes:
+A folder holds one seed's newest checkpoint and the one before, or the one that its training ended
+with, named by training episodes:
 `000001200.safetensors`, the tensors, and `000001200.json`, everything else. Each file appears whole
 or not at all; the json is written last, and holds the checksum of the tensors and its own.
 """
@@ -54,8 +55,11 @@ class Writer:
         self._folders, self._about = folders, about
         self.last = train_episodes
 
-    def save(self, states: Iterable[SeedState]) -> None:
+    def save(self, states: Iterable[SeedState], *, alone: bool = False) -> None:
         """Writes a checkpoint of every seed; returns once they are on the disk.
+
+        Args:
+            alone: whether no other checkpoint is kept beside it.
 
         Raises:
             OSError: such as a full disk; the checkpoints before are untouched.
@@ -70,10 +74,9 @@ class Writer:
                 _prune(folder, {file.stem for file in folder.glob(f"*{_NUMBERS}")})
             raise
         episodes = described[0]["numbers"]["train_episodes"]
+        before = [] if alone or self.last is None else [self.last]
         for folder in self._folders:
-            _prune(
-                folder, {_stem(number) for number in (episodes, self.last) if number is not None}
-            )
+            _prune(folder, {_stem(number) for number in (episodes, *before)})
         self.last = episodes
 
     def _write_tensors(self, states: Iterable[SeedState]) -> list[dict[str, Any]]:

@@ -1,21 +1,18 @@
 """Goal-conditioned actors of a hierarchy: how they act, and how they are kept as files."""
 
 import itertools
-import json
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import safetensors
-import safetensors.torch
 import torch
 
+from hac_suite import policy_files
 from hac_suite.acting import Episode
 from hac_suite.learning.networks import ALIGNED, StackedMLP, in_whole_registers
 from hac_suite.types import Actor, LevelSpec, Spaces, level_specs
 
-_FORMAT = "hac_suite.policy/2"
 _CRITIC = "critic."  # in the names of tensors
 
 
@@ -140,18 +137,14 @@ class Policy:
 
     def save(self, path: str | Path, metadata: dict[str, Any]) -> None:
         """Writes `path`.safetensors and `path`.json."""
-        path = Path(path)
         tensors = {
             f"level{level}.{prefix}layer{layer}": weight[0, : _outputs(network, layer)].contiguous()
             for prefix, networks in (("", self.networks), (_CRITIC, self.critics))
             for level, network in enumerate(networks)
             for layer, weight in enumerate(network.weights)
         }
-        description = {"format": _FORMAT, "horizons": list(self.horizons), **metadata}
-        tensors_path, json_path = _files(path)
-        # Not `save_file`: it lets nobody else read the file, and a kill leaves its temporary one.
-        tensors_path.write_bytes(safetensors.torch.save(tensors))
-        json_path.write_text(json.dumps(description, indent=2) + "\n")
+        description = {"horizons": list(self.horizons), **metadata}
+        policy_files.write(Path(path), tensors, description)
 
     @classmethod
     def load(cls, path: str | Path) -> "Policy":
@@ -160,12 +153,9 @@ class Policy:
         Raises:
             ValueError: a file is missing, damaged, or not a policy; the message names it.
         """
-        tensors_path, json_path = _files(Path(path))
-        metadata = _read_description(json_path)
-        try:
-            tensors = safetensors.torch.load_file(tensors_path)
-        except (OSError, safetensors.SafetensorError) as error:
-            raise ValueError(f"{tensors_path} is not a safetensors policy: {error}") from error
+        tensors_path, json_path = policy_files.paths(Path(path))
+        metadata = policy_files.describe(json_path)
+        tensors = policy_files.tensors(tensors_path)
         horizons = _horizons(metadata, json_path)
         levels = range(len(horizons))
         networks = [_network(tensors, level, tensors_path) for level in levels]
@@ -181,12 +171,6 @@ def _of_seed(network: StackedMLP, seed: int) -> StackedMLP:
     return single
 
 
-def _files(path: Path) -> tuple[Path, Path]:
-    if path.suffix in (".safetensors", ".json"):
-        path = path.with_suffix("")
-    return path.with_name(path.name + ".safetensors"), path.with_name(path.name + ".json")
-
-
 def _outputs(network: StackedMLP, layer: int) -> int:
     return network.outputs if layer == len(network.weights) - 1 else network.sizes[layer + 1]
 
@@ -200,16 +184,6 @@ def _horizons(description: dict[str, Any], path: Path) -> list[int]:
 
 def _is_count(value: Any) -> bool:
     return isinstance(value, int) and value > 0
-
-
-def _read_description(path: Path) -> dict[str, Any]:
-    try:
-        described = json.loads(path.read_text())
-    except (OSError, ValueError, RecursionError) as error:
-        raise ValueError(f"{path} does not describe a policy: {error}") from error
-    if not isinstance(described, dict) or described.get("format") != _FORMAT:
-        raise ValueError(f"{path} does not describe a policy: its format is not {_FORMAT!r}.")
-    return described
 
 
 def _chained(layers: list[torch.Tensor]) -> bool:

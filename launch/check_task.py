@@ -14,6 +14,7 @@ if __name__ == "__main__":
 
     from launch.asking import start
 
+    start.die_with_the_parent()  # where it is the one that renders
     if "--still_only" not in sys.argv:
         start.without_display()
 
@@ -23,6 +24,7 @@ import numpy as np
 import tasks
 from analysis import program
 from analysis.program import CommandError
+from launch.asking import start
 from tasks.authoring.check import Finding, findings
 
 _HELP = """Checks a dm_control task of your own before you train it, and says how to mend it.
@@ -86,22 +88,21 @@ def _still(word: str, path: Path) -> Finding:
     for backend in _BACKENDS:
         command = [sys.executable, __file__, word, f"--still={path}", "--still_only"]
         environment = {**os.environ, "MUJOCO_GL": backend, "PYOPENGL_PLATFORM": backend}
-        try:
-            done = subprocess.run(
-                command, env=environment, capture_output=True, text=True, timeout=_SECONDS
-            )
-        except subprocess.TimeoutExpired:
-            problems.append(f"{backend}: no picture within {_SECONDS} s")
-            continue
-        if done.returncode == 0:
+        with start.child(command, environment) as process:
+            try:
+                _, printed = process.communicate(timeout=_SECONDS)
+            except subprocess.TimeoutExpired:
+                problems.append(f"{backend}: no picture within {_SECONDS} s")
+                continue
+        if process.returncode == 0:
             return Finding("good", f"{path}: how it looks")
-        if done.returncode == 1:
+        if process.returncode == 1:
             return Finding(
                 "wrong",
                 f"{path}: the picture is of one colour",
                 "turn the first camera to the scene, and light it",
             )
-        lines = done.stderr.strip().splitlines() or [f"it ended with {done.returncode}"]
+        lines = printed.strip().splitlines() or [f"it ended with {process.returncode}"]
         problems.append(f"{backend}: {lines[-1].strip()}")
     return Finding(
         "doubtful",

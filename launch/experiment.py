@@ -49,7 +49,7 @@ class Seeds(NamedTuple):
     finished: tuple[int, ...]
     interrupted: Mapping[int, Standing]  # they go on from their checkpoints
     new: tuple[int, ...]  # they start from nothing
-    shorter: tuple[int, ...]  # of the new: those that have a policy of fewer periods
+    again: tuple[int, ...]  # of the new: those that have a policy, but not all of their rows
 
     def missing(self, request: Request) -> dict[int, Standing]:
         """Where each seed begins that is to be trained, in the order that they were asked for."""
@@ -130,17 +130,20 @@ def _interrupted(
       CommandError: a folder holds runs of another configuration, or a checkpoint of another run.
     """
     request, found = launch.request, {}
+    asked = set(request.seeds)
     for folder in folders:
         horizons = _manifest(folder, request)["horizons"]
         for layers in request.subgoal_layers:
             agent = Agent(folder.task, layers)
-            finished = folder.finished(agent, request.periods)
+            ended = {seed: own for seed, own in folder.ended(agent).items() if seed in asked}
+            done = {seed for seed, own in ended.items() if own.period >= request.periods}
             found[agent] = checkpointing.interrupted(
                 folder,
                 checkpointing.Setup(agent, tuple(horizons[str(layers)]), request.config),
-                [seed for seed in request.seeds if seed not in finished],
+                [seed for seed in request.seeds if seed not in done],
                 request.periods,
                 other_versions=request.other_versions,
+                ended={s: own.period for s, own in ended.items() if own.whole and s not in done},
             )
     return found
 
@@ -159,7 +162,9 @@ def _recorder(launch: Launch, command: Sequence[str]) -> Recorder:
         )
         for task, folder in launch.folders.items()
     }
-    return Recorder(launch.folders, manifests, launch.console, request.tensorboard)
+    return Recorder(
+        launch.folders, manifests, launch.console, request.tensorboard, request.keep_final
+    )
 
 
 def _manifest(folder: RunFolder, request: Request) -> manifest.Manifest:
@@ -199,7 +204,8 @@ def _prepare(
             seeds = _seeds(folder, agent, request, interrupted.standings)
             for line in (*interrupted.warnings, *_said(seeds, request)):
                 launch.say(line)
-            folder.drop_checkpoints((layers, seed) for seed in seeds.finished)
+            if not request.keep_final:
+                folder.drop_checkpoints((layers, seed) for seed in seeds.finished)
             for seed, standing in seeds.missing(request).items():
                 runs[layers, seed] = standing.rows
                 missing[planning.Group(agent, standing.train_episodes)].append(seed)
@@ -222,7 +228,7 @@ def _seeds(
         finished=tuple(seed for seed in request.seeds if seed in finished),
         interrupted=standings,
         new=tuple(new),
-        shorter=tuple(seed for seed in new if folder.has_policy(agent.subgoal_layers, seed)),
+        again=tuple(seed for seed in new if folder.has_policy(agent.subgoal_layers, seed)),
     )
 
 
@@ -238,10 +244,10 @@ def _said(seeds: Seeds, request: Request) -> list[str]:
             f"{seeds.agent}: {len(seeds.interrupted)} seed(s) go on from episode "
             + ", ".join(map(str, episodes))
         )
-    if seeds.shorter:
+    if seeds.again:
         lines.append(
-            f"{seeds.agent}: {len(seeds.shorter)} seeds were trained for fewer than "
-            f"{request.periods} periods; they are trained again from the start"
+            f"{seeds.agent}: {len(seeds.again)} seed(s) lack rows that their policies had; they "
+            "are trained again from the start"
         )
     return lines
 
@@ -281,7 +287,18 @@ def _plan(task: str, request: Request, recorder: Recorder) -> worker.Plan:
         horizons={layers: tuple(horizons[str(layers)]) for layers in request.subgoal_layers},
         periods=request.periods,
         device=request.device,
+        keep_final=request.keep_final,
     )
+
+
+def _kept(folder: RunFolder) -> Iterator[str]:
+    """How much the states take that are kept for more periods."""
+    size = folder.checkpoint_bytes()
+    if size:
+        yield (
+            f"{folder.checkpoints}: {size / 1e6:,.0f} MB, from which more --periods train on; "
+            "--keep_final=false goes without"
+        )
 
 
 def _conclude(launch: Launch, recorder: Recorder) -> int:
@@ -291,6 +308,8 @@ def _conclude(launch: Launch, recorder: Recorder) -> int:
         return 128 + launch.stop.number
     for folder in launch.folders.values():
         summary.summarise(folder, launch.console)
+        for line in _kept(folder):
+            launch.say(line)
     for job, reason in recorder.failures.items():
         launch.console.print(
             f"failed: {job.agent}, seeds {', '.join(map(str, job.seeds))}: {reason}\n"

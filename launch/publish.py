@@ -19,10 +19,11 @@ from analysis import program
 from analysis.figures.success import write_figure
 from analysis.program import CommandError
 from analysis.reading import grid
+from hac_suite import policy_files
 from launch import record_subgoals
 from launch.asking import lists
 from launch.folder import policies, states
-from launch.folder.layout import RunFolder, policy_files
+from launch.folder.layout import RunFolder
 
 _HELP = """Puts a finished run folder where the analysis and play.py look for published results.
 
@@ -91,12 +92,12 @@ def _publish_policies(task: str, found: Sequence[policies.Found], chosen: Path) 
     chosen.mkdir(parents=True, exist_ok=True)
     for earlier in policies.find(chosen):
         if earlier.task == task:
-            for file in policy_files(earlier.path):
+            for file in policy_files.paths(earlier.path):
                 file.unlink()
     written = []
     for layers in sorted({policy.subgoal_layers for policy in found}):
         best = policies.best([policy for policy in found if policy.subgoal_layers == layers])
-        written += [Path(shutil.copy(file, chosen)) for file in policy_files(best.path)]
+        written += [Path(shutil.copy(file, chosen)) for file in policy_files.paths(best.path)]
     return written
 
 

@@ -92,11 +92,11 @@ def _table(state: FolderState) -> Table:
 
 
 def _progress(runs: Sequence[RunState]) -> tuple[str, str, str]:
-    """The slowest seed's test period, mean success of those that tested, oldest checkpoint."""
+    """The slowest seed's test period, mean success of those that tested, oldest checkpoint due."""
     tested = [run.success_rate for run in runs if run.success_rate is not None]
     periods = [run.period for run in runs if run.period is not None]
     reached = str(min(periods)) if len(periods) == len(runs) else "-"
-    episodes = [run.episode for run in runs if run.episode]
+    episodes = [run.episode for run in runs if run.episode and run.state != "done"]
     return (
         f"{reached}/{max(run.periods for run in runs)}",
         f"{sum(tested) / len(tested):.0%}" if tested else "-",

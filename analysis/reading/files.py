@@ -1,7 +1,4 @@
-"""Writes files so that a reader, or a kill, never meets half of one.
-
-Checkpoints are written by the engine itself: they have to be on the disk, not only in place.
-"""
+"""Writes files so that a reader, a kill or a power cut never meets half of one."""
 
 import contextlib
 import os
@@ -13,12 +10,14 @@ from pathlib import Path
 def replacing(*paths: Path) -> Iterator[list[Path]]:
     """Gives temporary paths beside these, which take their places if the block ends well.
 
-    They take them in this order. A temporary name has the suffix of its path, and the names of
-    paths that differ in their suffix differ in nothing else.
+    They take them in this order, once they are all on the disk. A temporary name has the suffix of
+    its path, and the names of paths that differ in their suffix differ in nothing else.
     """
     temporary = [_temporary(path) for path in paths]
     try:
         yield temporary
+        for written in temporary:
+            _sync(written)
         for written, path in zip(temporary, paths, strict=True):
             os.replace(written, path)
     finally:
@@ -45,3 +44,12 @@ def leftovers(folder: Path, name: str) -> Iterator[Path]:
 
 def _temporary(path: Path) -> Path:
     return path.with_name(f".{path.stem}.{os.getpid()}.tmp{path.suffix}")
+
+
+def _sync(path: Path) -> None:
+    """Waits until a file is on the disk, and not only in the system's memory."""
+    handle = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)

@@ -19,6 +19,7 @@ class Boundary(NamedTuple):
     train_episodes: int  # per seed
     tested: bool  # a test period has just ended, and its result been taken
     states: Callable[[], Iterator[SeedState]]  # of each seed, to be used before this returns
+    last: bool = False  # the training ends here; from its states a longer one can go on
 
 
 class LostSeed(NamedTuple):
@@ -53,7 +54,7 @@ class Callback:
         """After each round of episodes and updates."""
 
     def on_boundary(self, boundary: Boundary) -> None:
-        """After each round and test period but the last."""
+        """After each round and each test period, whose result has been taken."""
 
     def on_lost(self, lost: LostSeed) -> None:
         """For a seed whose weights are no longer finite, which stops it."""

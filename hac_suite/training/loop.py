@@ -167,8 +167,17 @@ class Training:
             (self._episodes,) = episodes
 
     def run(self, periods: int, callback: Callback) -> Iterator[PeriodResult]:
-        """Trains and tests from where it stands until `periods` are done."""
+        """Trains and tests from where it stands until `periods` are done.
+
+        What stands at that end already gives its last test period once more: whoever took it the
+        first time may not have lived to keep it.
+        """
         per_period = self._config.episodes_per_period
+        if len(self._rows[0]) == periods + 1:
+            yield PeriodResult(
+                periods, [rows[-1] for rows in self._rows], self.population.policies()
+            )
+            callback.on_boundary(Boundary(self._episodes, True, self.states, last=True))
         for period in range(len(self._rows[0]), periods + 1):
             while self._episodes < period * per_period:
                 self.train_round()
@@ -180,8 +189,8 @@ class Training:
                 if self._episodes < period * per_period:
                     callback.on_boundary(Boundary(self._episodes, False, self.states))
             yield self.test(period)
-            if period < periods:
-                callback.on_boundary(Boundary(self._episodes, True, self.states))
+            last = period == periods
+            callback.on_boundary(Boundary(self._episodes, True, self.states, last))
 
     def train_round(self) -> None:
         """A round of episodes and updates of every seed."""

@@ -49,6 +49,7 @@ class Request(NamedTuple):
     workers: int  # 0: one for each core
     video: bool
     tensorboard: bool
+    keep_final: bool  # the state that each seed ends with, for more periods later
     other_versions: bool  # may go on from checkpoints of other versions of the libraries
     executor: str  # local or ray
     ray_address: str | None
@@ -140,6 +141,9 @@ def define_flags() -> flags.FlagValues:
     flags.DEFINE_boolean("video", True, "make a video and a 3-D replay of each agent", values)
     flags.DEFINE_boolean("tensorboard", False, "write curves for TensorBoard as well", values)
     flags.DEFINE_boolean(
+        "keep_final", True, "keep the state that each seed ends with, for more --periods", values
+    )
+    flags.DEFINE_boolean(
         "other_versions",
         False,
         "resume from checkpoints that other versions of MuJoCo, torch, ... left",
@@ -165,6 +169,7 @@ def _request(values: flags.FlagValues, settings_given: ConfigDict) -> Request:
         workers=values.workers,
         video=values.video,
         tensorboard=values.tensorboard,
+        keep_final=values.keep_final,
         other_versions=values.other_versions,
         executor=values.executor,
         ray_address=values.ray_address,

@@ -1,6 +1,12 @@
-"""What a program sets before numpy, torch and mujoco are imported: they read it only once."""
+"""What a process does before all else: settings that libraries read once, and whom it dies with."""
 
+import contextlib
 import os
+import subprocess
+import threading
+from collections.abc import Iterator, Mapping, Sequence
+
+_PARENT = "HAC_SUITE_PARENT"  # names the pipe whose other end the parent holds
 
 
 def without_display() -> None:
@@ -13,3 +19,44 @@ def for_training() -> None:
     without_display()
     for library in ("OMP", "MKL", "OPENBLAS"):  # many processes of one thread beat few of many
         os.environ[f"{library}_NUM_THREADS"] = "1"
+
+
+@contextlib.contextmanager
+def child(
+    command: Sequence[str], environment: Mapping[str, str]
+) -> Iterator[subprocess.Popen[str]]:
+    """A process that calls `die_with_the_parent`: it never outlives this one, however this ends.
+
+    It is killed where the block ends before it does. Its stderr is kept.
+    """
+    reader, writer = os.pipe()
+    try:
+        try:
+            process = subprocess.Popen(
+                command,
+                env={**environment, _PARENT: str(reader)},
+                pass_fds=[reader],
+                stdout=subprocess.DEVNULL,
+                stderr=subprocess.PIPE,
+                text=True,
+            )
+        finally:
+            os.close(reader)
+        try:
+            yield process
+        finally:
+            process.kill()  # does nothing to one that has ended
+            process.communicate()
+    finally:
+        os.close(writer)
+
+
+def die_with_the_parent() -> None:
+    """Ends this process when the one that began it as a `child` is gone, if one did."""
+    if pipe := os.environ.pop(_PARENT, ""):
+        threading.Thread(target=_wait_for_the_end, args=(int(pipe),), daemon=True).start()
+
+
+def _wait_for_the_end(pipe: int) -> None:
+    os.read(pipe, 1)  # nothing is ever written into it: it ends with the parent
+    os._exit(1)

@@ -3,26 +3,29 @@
 import contextlib
 import fcntl
 import glob
+import itertools
 import json
 import os
 import shutil
+import sys
 import time
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from analysis.program import CommandError
 from analysis.reading import names
 from analysis.reading.files import leftovers
-from launch.folder import results
+from hac_suite import policy_files
+from launch.folder import policies, results
 from launch.folder.agents import Agent, Job
 
-POLICY_SUFFIXES = (".json", ".safetensors")  # the weights last: they are what a reader looks for
 
+class Ended(NamedTuple):
+    """How far a seed is finished, whatever an interrupted extension has tested beyond that."""
 
-def policy_files(path: Path) -> list[Path]:
-    """The files of a policy, whose path has no suffix."""
-    return [path.with_name(path.name + suffix) for suffix in POLICY_SUFFIXES]
+    period: int  # all rows until it are here, and the policy is of it or of a later one
+    whole: bool  # no row is missing until the policy's period
 
 
 class RunFolder:
@@ -59,15 +62,19 @@ class RunFolder:
         return self.replays / f"{self.task}_{subgoal_layers}layers.html"
 
     def checkpoints_of(self, subgoal_layers: int, seed: int) -> Path:
-        """The folder of an unfinished seed's checkpoints."""
+        """The folder of a seed's checkpoints: its last ones, or the one that it ended with."""
         return self.checkpoints / f"{self.task}_{subgoal_layers}layers_seed{seed}"
 
     def drop_checkpoints(self, runs: Iterable[tuple[int, int]]) -> None:
-        """Removes the checkpoints of runs (subgoal_layers, seed) whose results are all here."""
+        """Removes the checkpoints of runs (subgoal_layers, seed), whose results are all here."""
         for run in runs:
             shutil.rmtree(self.checkpoints_of(*run), ignore_errors=True)
         with contextlib.suppress(OSError):  # others are unfinished, or there was none
             self.checkpoints.rmdir()
+
+    def checkpoint_bytes(self) -> int:
+        """What all checkpoints take on the disk."""
+        return sum(file.stat().st_size for file in self.checkpoints.glob("*/*") if file.is_file())
 
     def failure(self, job: Job) -> Path:
         return self.failures / f"{job.name}.txt"
@@ -111,21 +118,41 @@ class RunFolder:
 
     def finished(self, agent: Agent, periods: int) -> set[int]:
         """Seeds whose test periods 0 to `periods` and last policy are all here."""
-        seen: dict[int, set[int]] = {}
+        return {seed for seed, ended in self.ended(agent).items() if ended.period >= periods}
+
+    def ended(self, agent: Agent) -> dict[int, Ended]:
+        """How far each seed is finished that has a policy."""
+        tested: dict[int, set[int]] = {}
         for row in results.read(self.results)[0]:
             if row["subgoal_layers"] == str(agent.subgoal_layers):
-                seen.setdefault(int(row["seed"]), set()).add(int(row["period"]))
-        return {
-            seed
-            for seed, tested in seen.items()
-            if tested >= set(range(periods + 1)) and self.has_policy(agent.subgoal_layers, seed)
-        }
+                tested.setdefault(int(row["seed"]), set()).add(int(row["period"]))
+        found = {}
+        for seed, periods in tested.items():
+            run = agent.subgoal_layers, seed
+            if 0 in periods and self.has_policy(*run):
+                last = _last_without_gap(periods)
+                of_policy = self._policy_period(run, last)
+                found[seed] = Ended(min(last, of_policy), last >= of_policy)
+        return found
+
+    def _policy_period(self, run: tuple[int, int], otherwise: int) -> int:
+        """The test period of a run's policy, which a damaged or an old one does not say."""
+        _, file = policy_files.paths(self.policy(*run))
+        try:
+            period = policies.read(file).period
+        except CommandError:
+            return otherwise
+        return otherwise if period is None else period
 
     def has_policy(self, subgoal_layers: int, seed: int) -> bool:
-        return all(file.is_file() for file in policy_files(self.policy(subgoal_layers, seed)))
+        files = policy_files.paths(self.policy(subgoal_layers, seed))
+        return all(file.is_file() for file in files)
 
     def prepare(self, runs: Mapping[tuple[int, int], Sequence[Mapping[str, Any]]]) -> int:
         """Makes the subfolders and drops what stands in the way of training these seeds.
+
+        A policy stays until the training has one to put in its place, and so do the rows until
+        that policy's period: what is finished is never removed.
 
         Args:
           runs: (subgoal_layers, seed) of each run that is about to start or to go on, with the
@@ -137,8 +164,7 @@ class RunFolder:
         for folder in (self.policies, self.videos):
             folder.mkdir(exist_ok=True)
         shutil.rmtree(self.failures, ignore_errors=True)
-        doomed = [file for run in runs for file in policy_files(self.policy(*run))]
-        for file in [*self._leftovers(), *doomed]:
+        for file in self._leftovers():
             if not file.is_dir():
                 file.unlink(missing_ok=True)
         return self._set_rows(runs)
@@ -149,18 +175,30 @@ class RunFolder:
         yield from self.path.glob(f".{task}_*layers_seeds*-*.log")
         for name in names.WRITTEN_WHOLE:
             yield from leftovers(self.path, name)
-        for suffix in POLICY_SUFFIXES:
+        for suffix in policy_files.SUFFIXES:
             yield from leftovers(self.policies, f"{task}_*layers_seed*{suffix}")
         yield from leftovers(self.videos, f"{task}_*layers.mp4")
         yield from leftovers(self.replays, f"{task}_*layers.html")
 
     def _set_rows(self, runs: Mapping[tuple[int, int], Sequence[Mapping[str, Any]]]) -> int:
-        own = {(str(layers), str(seed)) for layers, seed in runs}
+        until = {
+            run: self._policy_period(run, sys.maxsize) for run in runs if self.has_policy(*run)
+        }
         rows, dropped = results.read(self.results)
-        kept = [row for row in rows if (row["subgoal_layers"], row["seed"]) not in own]
-        tested = [row for behind in runs.values() for row in behind]
-        if dropped or tested or len(kept) != len(rows) or not results.is_current(self.results):
-            results.rewrite(self.results, [*kept, *tested])
+        kept, of_runs = list[results.Row](), set[tuple[tuple[int, int], int]]()
+        for row in rows:
+            run, period = (int(row["subgoal_layers"]), int(row["seed"])), int(row["period"])
+            if run not in runs or period <= until.get(run, -1):
+                kept.append(row)
+                of_runs.add((run, period))
+        behind = [
+            row
+            for run, own in runs.items()
+            for row in own
+            if (run, int(row["period"])) not in of_runs
+        ]
+        if dropped or behind or len(kept) != len(rows) or not results.is_current(self.results):
+            results.rewrite(self.results, [*kept, *behind])
         return dropped
 
     def note_failure(self, job: Job, reason: str) -> None:
@@ -173,3 +211,8 @@ class RunFolder:
         self.failures.mkdir(exist_ok=True)
         self.log(job).replace(self.failure(job))
         return self.failure(job)
+
+
+def _last_without_gap(periods: set[int]) -> int:
+    """The last of the periods 0, 1, 2, ... before one is missing."""
+    return next(period for period in itertools.count() if period + 1 not in periods)

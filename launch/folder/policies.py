@@ -1,6 +1,5 @@
 """The policies of a run folder, and which of them to show."""
 
-import json
 import math
 from collections.abc import Sequence
 from pathlib import Path
@@ -8,6 +7,7 @@ from typing import Any, NamedTuple
 
 from analysis.program import CommandError
 from analysis.reading import names, paper
+from hac_suite import policy_files
 
 PUBLISHED = Path(__file__).resolve().parents[2] / "assets" / "policies"
 """The best seed of each task and agent of the published grid."""
@@ -21,6 +21,7 @@ class Found(NamedTuple):
     subgoal_layers: int
     seed: int
     success_rate: float  # in the last test period
+    period: int | None = None  # that it was tested in; None: an earlier version's does not say
 
 
 def find(directory: Path) -> list[Found]:
@@ -30,24 +31,33 @@ def find(directory: Path) -> list[Found]:
       CommandError: a description is damaged; the message names it.
     """
     found = [
-        _read(file)
+        read(file)
         for file in directory.glob("[!.]*.json")
         if file.with_suffix(".safetensors").is_file()
     ]
     return sorted(found, key=lambda policy: (policy.subgoal_layers, policy.seed, policy.path))
 
 
-def _read(file: Path) -> Found:
+def read(file: Path) -> Found:
+    """What a policy says of itself, whose description is the file.
+
+    Raises:
+      CommandError: the description is damaged; the message names it.
+    """
     try:
-        description = json.loads(file.read_text(encoding="utf-8"))
+        description = policy_files.describe(file)
+    except ValueError as error:
+        raise CommandError(str(error)) from error
+    try:
         return Found(
             file.with_suffix(""),
             task=_task(description),
             subgoal_layers=_entry(description, "subgoal_layers", int),
             seed=_entry(description, "seed", int),
             success_rate=float(_entry(description, "success_rate", int | float)),
+            period=_entry(description, "period", int) if "period" in description else None,
         )
-    except (OSError, ValueError, RecursionError) as error:
+    except (OverflowError, ValueError) as error:
         raise CommandError(f"{file} does not describe a policy: {error}") from error
 
 

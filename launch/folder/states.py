@@ -58,13 +58,14 @@ def read(path: Path) -> FolderState:
     failures = _failures(folder.task, recorded)
     failed = {(job.agent.subgoal_layers, seed) for job, _ in failures for seed in job.seeds}
     at_work = _at_work(folder) if holder is not None else []
+    agents = {Agent(folder.task, layers) for layers, _ in asked | rows.keys()}
+    ended = {agent.subgoal_layers: folder.ended(agent) for agent in agents}
     runs = []
     for run in sorted(asked | rows.keys()):
         own = sorted(rows.get(run, []), key=lambda row: int(row["period"]))
         episode = _checkpointed(folder, run)
         least = periods if run in asked and periods is not None else _period(own) or 0
-        tested = {int(row["period"]) for row in own if int(row["period"]) <= least}
-        if len(tested) == least + 1 and folder.has_policy(*run):
+        if run[1] in ended[run[0]] and ended[run[0]][run[1]].period >= least:
             state = "done"
         elif run in failed:
             state = "failed"

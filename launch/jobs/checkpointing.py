@@ -29,6 +29,12 @@ _NO_ROWS = (
 _OTHER_VERSIONS = (
     "{agent}: interrupted with {versions}, and the rest may differ from what those would have given"
 )
+_NO_STATE = (
+    "{agent}, seed(s) {seeds}: finished after {ended} periods, and no whole checkpoint is kept to "
+    "train on from until {periods}{why}; give another --out to train all {periods} periods there, "
+    "or --periods={ended} to leave it at that"
+)
+_WITHOUT_FINAL = "more --periods will train on from an earlier checkpoint, if there is one"
 _RESULTS_DEPEND_ON = ("dm-control", "mujoco", "numpy", "torch")
 
 
@@ -72,18 +78,23 @@ def interrupted(
     periods: int,
     *,
     other_versions: bool,
+    ended: Mapping[int, int] | None = None,
 ) -> Interrupted:
     """Where those of the seeds stand that have a whole checkpoint.
 
     Args:
+      periods: until which they are to be trained.
+      ended: the period until which a seed is finished that was to have no more: it cannot begin
+        from nothing, which would take its results away.
       other_versions: whether to go on, with a warning, from what other versions of the libraries
         left.
 
     Raises:
       CommandError: a checkpoint is of another run, of one that was asked for more periods, or of
-        other versions that are not wanted.
+        other versions that are not wanted; or a seed that has ended has none.
     """
     found, warnings, differing = {}, list[str](), set[str]()
+    stuck: dict[int, list[str]] = {}  # what is wrong with the checkpoints of seeds that have ended
     for seed in seeds:
         file = folder.checkpoints_of(setup.agent.subgoal_layers, seed)
         newest, complaints = checkpoint.newest(file)
@@ -92,7 +103,11 @@ def interrupted(
         if newest is not None and begins:
             differing |= _check(file, newest, setup.about(seed))
             found[seed] = Standing(begins, _rows(file, newest, setup.agent, seed))
-            _check_length(file, found[seed], setup.agent, seed, periods)
+            _check_length(file, found[seed], setup, seed, periods)
+        elif ended and seed in ended:
+            stuck[seed] = complaints
+    if ended and stuck:
+        raise CommandError(_no_state(setup.agent, stuck, ended, periods))
     if differing:
         message = _OTHER_VERSIONS.format(agent=setup.agent, versions=", ".join(sorted(differing)))
         if not other_versions:
@@ -113,13 +128,31 @@ def _of_damage(agent: Agent, seed: int, begins: int, complaints: Sequence[str]) 
     return [*(f"warning: {complaint}" for complaint in complaints), f"{agent}, seed {seed}: {then}"]
 
 
-def _check_length(file: Path, standing: Standing, agent: Agent, seed: int, periods: int) -> None:
-    """Raises CommandError where fewer periods are asked for than are behind the seed."""
-    tested = len(standing.rows)
-    if tested > periods:
+def _check_length(file: Path, standing: Standing, setup: Setup, seed: int, periods: int) -> None:
+    """Raises CommandError where a seed has gone beyond the periods that are asked for."""
+    if standing.train_episodes > periods * setup.config.episodes_per_period:
+        tested = len(standing.rows)
         raise CommandError(
-            _LONGER_RUN.format(agent=agent, seed=seed, period=tested - 1, least=tested, file=file)
+            _LONGER_RUN.format(
+                agent=setup.agent, seed=seed, period=tested - 1, least=tested, file=file
+            )
         )
+
+
+def _no_state(
+    agent: Agent, stuck: Mapping[int, Sequence[str]], ended: Mapping[int, int], periods: int
+) -> str:
+    """What is answered where seeds have ended from whose states nothing can be trained on."""
+    least = min(ended[seed] for seed in stuck)
+    own = [seed for seed in stuck if ended[seed] == least]
+    why = [complaint for seed in own for complaint in stuck[seed]]
+    return _NO_STATE.format(
+        agent=agent,
+        seeds=", ".join(map(str, own)),
+        ended=least,
+        periods=periods,
+        why=f" ({'; '.join(why)})" if why else "",
+    )
 
 
 def _check(file: Path, found: checkpoint.Checkpoint, own: Mapping[str, Any]) -> set[str]:
@@ -172,12 +205,18 @@ class Saver:
         seeds: Sequence[int],
         start: int,
         warn: Callable[[str], None],
+        *,
+        keep_final: bool = True,
     ) -> None:
-        """`start` is the training episode that the seeds go on from, 0 for a new run."""
+        """
+        Args:
+          start: the training episode that the seeds go on from, 0 for a new run.
+          keep_final: whether the state that they end with is kept, for more periods later.
+        """
         layers = setup.agent.subgoal_layers
         self._setup = setup
         self._folders = {seed: folder.checkpoints_of(layers, seed) for seed in seeds}
-        self._start, self._warn = start, warn
+        self._start, self._warn, self._keep_final = start, warn, keep_final
         self._writer = self._new_writer(start or None)
         self._saved = time.monotonic()
         self._cost = 0.0  # seconds that the last checkpoint took
@@ -204,7 +243,11 @@ class Saver:
         self._stopping = True
 
     def at_boundary(self, boundary: hac_suite.Boundary) -> None:
-        """Saves if it is time."""
+        """Saves if it is time; the last time always, if that is to be kept."""
+        if boundary.last:
+            if self._keep_final:
+                self._save(boundary)
+            return
         waited = time.monotonic() - self._saved
         due = boundary.tested or waited >= MOST_SECONDS_BETWEEN
         affordable = waited >= self._cost / MOST_SHARE
@@ -217,9 +260,11 @@ class Saver:
         """A checkpoint that cannot be written is no reason to stop training."""
         started = time.monotonic()
         try:
-            self._writer.save(boundary.states())
+            self._writer.save(boundary.states(), alone=boundary.last)
         except OSError as error:
-            if not self._warned:
+            if boundary.last:
+                self._warn(f"the final state could not be kept ({error}): {_WITHOUT_FINAL}")
+            elif not self._warned:
                 self._warn(f"no checkpoint could be written ({error}); training goes on")
             self._warned = True
         self._saved = time.monotonic()

@@ -36,12 +36,13 @@ class Recorder:
         manifests: Mapping[str, manifest.Manifest],
         console: Console,
         tensorboard: bool = False,
+        keep_final: bool = True,
     ) -> None:
         self.folders = dict(folders)
         self.manifests = dict(manifests)
         self.failures: dict[Job, str] = {}
         self._console = console
-        self._tensorboard = tensorboard
+        self._tensorboard, self._keep_final = tensorboard, keep_final
         self._scalars: dict[str, scalars.Scalars] = {}
         self._drawn = dict.fromkeys(folders, -_SECONDS_BETWEEN_FIGURES)  # long ago
         self._outdated: set[str] = set()  # tasks whose figure lacks rows
@@ -55,7 +56,7 @@ class Recorder:
         """Readies a folder for the runs that are about to start or to go on, as it has them."""
         folder = self.folders[task]
         dropped = folder.prepare(runs)
-        self._recorded |= {_key(row) for behind in runs.values() for row in behind}
+        self._recorded |= {_key(row) for row in results.read(folder.results)[0]}
         if dropped:
             self._console.print(
                 f"warning: dropped {dropped} line(s) of {folder.results} that a kill had cut short",
@@ -159,7 +160,8 @@ class Recorder:
             "seconds": round(message.seconds, 1),
         }
         # Not before now: until its last rows are in the file, a run can be needed again.
-        self.folders[task].drop_checkpoints((subgoal_layers, seed) for seed in job.seeds)
+        if not self._keep_final:
+            self.folders[task].drop_checkpoints((subgoal_layers, seed) for seed in job.seeds)
         self.manifests[task]["jobs"].append(record)
         manifest.write(self.folders[task].manifest, self.manifests[task])
 
@@ -205,5 +207,6 @@ class Recorder:
 
 
 def _key(row: Mapping[str, Any]) -> tuple:
-    """What a row of results.csv is of."""
-    return tuple(row[column] for column in KEY)
+    """What a row of results.csv is of; one that was read holds text."""
+    task, *numbers = (row[column] for column in KEY)
+    return (task, *map(int, numbers))

@@ -12,9 +12,10 @@ import torch
 import hac_suite
 import tasks
 from analysis.reading.files import replacing
+from hac_suite import policy_files
 from launch.asking import settings
 from launch.folder.agents import Job
-from launch.folder.layout import RunFolder, policy_files
+from launch.folder.layout import RunFolder
 from launch.jobs import checkpointing
 from launch.jobs.messages import SeedFailed, Send, Tested, Warned
 
@@ -30,6 +31,7 @@ class Plan(NamedTuple):
     horizons: Mapping[int, tuple[int, ...]]  # by number of subgoal layers
     periods: int
     device: str = "cpu"  # or "cuda"
+    keep_final: bool = True  # the state that each seed ends with, for more periods later
 
 
 def train_job(job: Job, send: Send, *, plans: Mapping[str, Plan]) -> None:
@@ -50,6 +52,7 @@ def train_job(job: Job, send: Send, *, plans: Mapping[str, Plan]) -> None:
         job.seeds,
         job.start,
         warn=lambda text: send(Warned(text)),
+        keep_final=plan.keep_final,
     )
     signal.signal(signal.SIGTERM, saver.stop)
 
@@ -109,6 +112,6 @@ def _save(job: Job, policies: Sequence[hac_suite.Policy], rows: list[dict], plan
 
 
 def save_policy(policy: hac_suite.Policy, path: Path, metadata: dict) -> None:
-    """Saves a policy so that a kill leaves none of it or all of it under `path`'s name."""
-    with replacing(*policy_files(path)) as (temporary, _):
+    """Saves a policy so that a kill leaves what was under `path`'s name, or all of the new one."""
+    with replacing(*policy_files.paths(path)) as (temporary, _):
         policy.save(temporary.with_suffix(""), metadata)

@@ -19,7 +19,7 @@ from analysis import program
 from analysis.reading import paper
 from analysis.reading.files import write_atomically
 from hac_suite.algorithm import exploration
-from launch.asking import settings
+from launch.asking import settings, start
 from launch.pictures import video
 
 _MOST_FRAMES_PER_SECOND = 30
@@ -195,4 +195,5 @@ def _probe() -> None:
 
 
 if __name__ == "__main__":
+    start.die_with_the_parent()
     main(sys.argv[1])

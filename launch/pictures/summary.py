@@ -13,10 +13,11 @@ from analysis.reading.results import load
 from analysis.report.index import write_index
 from analysis.report.run_report import write_report
 from analysis.statistics.seeds import final_success
+from hac_suite import policy_files
 from launch.asking.request import Request
 from launch.folder import policies, results
 from launch.folder.agents import Agent
-from launch.folder.layout import RunFolder, policy_files
+from launch.folder.layout import RunFolder
 from launch.jobs.local import StopSignal
 from launch.pictures import replay, scene, video
 
@@ -112,5 +113,5 @@ def _is_current(picture: Path, own: Sequence[policies.Found]) -> bool:
     """Whether the agent's video or replay is there, and none of its policies is newer."""
     if not picture.exists():
         return False
-    files = [file for policy in own for file in policy_files(policy.path)]
+    files = [file for policy in own for file in policy_files.paths(policy.path)]
     return picture.stat().st_mtime > max(file.stat().st_mtime for file in files)

@@ -9,6 +9,7 @@ import time
 from collections.abc import Sequence
 from pathlib import Path
 
+from launch.asking import start
 from launch.jobs.local import StopSignal
 
 BACKENDS = ("egl", "osmesa")
@@ -89,28 +90,18 @@ def run_renderer(
     environment = {**os.environ, "MUJOCO_GL": backend, "PYOPENGL_PLATFORM": backend}
     path = [str(_ROOT), os.environ.get("PYTHONPATH", "")]
     environment["PYTHONPATH"] = os.pathsep.join(filter(None, path))
-    process = subprocess.Popen(
-        [sys.executable, "-m", "launch.pictures.rendering", argument],
-        env=environment,
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.PIPE,
-        text=True,
-    )
+    command = [sys.executable, "-m", "launch.pictures.rendering", argument]
     end = time.monotonic() + timeout
-    while True:
-        try:
-            _, printed = process.communicate(timeout=_POLL_SECONDS)
-            break
-        except subprocess.TimeoutExpired:
-            late = time.monotonic() > end
-            stopped = stop is not None and stop.number is not None
-            if late or stopped:
-                process.kill()
-                process.communicate()
-            if stopped:
-                raise RenderingError("stopped") from None
-            if late:
-                return f"gave no result within {timeout:.0f} s"
+    with start.child(command, environment) as process:
+        while True:
+            try:
+                _, printed = process.communicate(timeout=_POLL_SECONDS)
+                break
+            except subprocess.TimeoutExpired:
+                if stop is not None and stop.number is not None:
+                    raise RenderingError("stopped") from None
+                if time.monotonic() > end:
+                    return f"gave no result within {timeout:.0f} s"
     if process.returncode == BAD_POLICY:
         raise RenderingError(_reason(process.returncode, printed))
     return None if process.returncode == 0 else _reason(process.returncode, printed)

@@ -220,3 +220,26 @@ def test_the_spec_of_another_task_is_refused(policy):
     env.observation_scale = np.ones(7)
     with pytest.raises(ValueError, match="it is of another task"):
         policy.reset(env)
+
+
+def test_a_kill_between_the_two_files_leaves_what_the_weights_say(policy, tmp_path):
+    policy.save(tmp_path / "new", {"period": 4})
+    policy.save(tmp_path / "p", {"period": 2})
+    policy.networks[0].parameters.mul_(2)
+    policy.save(tmp_path / "new", {"period": 4})
+    os.replace(tmp_path / "new.safetensors", tmp_path / "p.safetensors")
+    assert json.loads((tmp_path / "p.json").read_text())["period"] == 2
+    loaded = Policy.load(tmp_path / "p")
+    assert loaded.metadata["period"] == 4
+    assert torch.equal(loaded.networks[0].parameters, policy.networks[0].parameters)
+    os.replace(tmp_path / "new.json", tmp_path / "p.json")
+    assert Policy.load(tmp_path / "p").metadata["period"] == 4
+
+
+def test_weights_that_say_nothing_of_themselves_are_described_by_the_file_beside_them(
+    policy, tmp_path
+):
+    policy.save(tmp_path / "p", {"period": 2})
+    tensors = safetensors.torch.load_file(tmp_path / "p.safetensors")
+    safetensors.torch.save_file(tensors, tmp_path / "p.safetensors")  # as earlier versions did
+    assert Policy.load(tmp_path / "p").metadata["period"] == 2

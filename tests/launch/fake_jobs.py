@@ -1,6 +1,5 @@
 """Work for worker processes that takes no time: stands in for training in the launcher's tests."""
 
-import json
 import math
 import os
 import signal
@@ -9,8 +8,9 @@ from pathlib import Path
 
 import hac_suite
 from analysis.reading.schema import LEVEL_FIELDS, level_column
+from hac_suite import policy_files
 from launch.folder.agents import Job
-from launch.folder.layout import POLICY_SUFFIXES, RunFolder
+from launch.folder.layout import RunFolder
 from launch.jobs.messages import Tested
 
 
@@ -86,8 +86,7 @@ def train_for_ever(job: Job, send, *, plans) -> None:
 def _leave_policy(folder: RunFolder, job: Job, seed: int, period: int) -> None:
     stem = folder.policy(job.agent.subgoal_layers, seed)
     description = {**job.agent._asdict(), "seed": seed, "period": period, "success_rate": 0.5}
-    for suffix in POLICY_SUFFIXES:
-        stem.with_name(stem.name + suffix).write_text(json.dumps(description))
+    policy_files.write(stem, {}, description)
 
 
 def save_when_told(job: Job, send) -> None:

@@ -151,3 +151,24 @@ def standings(out: Path) -> dict[str, int]:
         assert not complaints, complaints
         found[folder.name] = newest.train_episodes if newest else 0
     return found
+
+
+def wait_for(holds: Callable[[], bool], seconds: float) -> None:
+    """Waits until something holds."""
+    end = time.monotonic() + seconds
+    while not holds():
+        assert time.monotonic() < end, "it never came"
+        time.sleep(0.05)
+
+
+def wait_until_gone(group: int, seconds: float = 60) -> None:
+    """Waits until no process of the group is left."""
+
+    def gone() -> bool:
+        try:
+            os.killpg(group, 0)
+        except ProcessLookupError:
+            return True
+        return False
+
+    wait_for(gone, seconds)

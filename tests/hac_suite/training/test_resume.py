@@ -118,8 +118,9 @@ def test_resumed_at_any_boundary_equals_uninterrupted(config, layers, tmp_path):
     whole, last = train(layers, config=config, callback=kept_boundaries)
     boundaries = kept_boundaries.seen
     assert [(b.train_episodes, b.tested) for b in boundaries] == [
-        (0, True), (4, False), (8, False), (12, True), (16, False), (20, False)
+        (0, True), (4, False), (8, False), (12, True), (16, False), (20, False), (24, True)
     ]  # fmt: skip
+    assert [b.last for b in boundaries] == 6 * [False] + [True]
     for number in range(len(boundaries)):
         start = stopped_at(number, tmp_path / str(number), layers, config=config)
         results, states = train(layers, config=config, start=start)

@@ -16,6 +16,7 @@ from analysis.reading import schema
 from analysis.reading.results import load
 from analysis.reading.schema import RESULTS_COLUMNS
 from analysis.report.run_report import write_report
+from hac_suite import policy_files
 from launch.folder import manifest, results
 from launch.folder.agents import Agent, Job
 from launch.folder.layout import RunFolder
@@ -42,10 +43,9 @@ def folder(tmp_path) -> RunFolder:
     return folder
 
 
-def add_policy(folder: RunFolder, layers: int, seed: int) -> None:
-    stem = folder.policy(layers, seed)
-    for suffix in (".json", ".safetensors"):
-        stem.with_name(stem.name + suffix).write_text("{}")
+def add_policy(folder: RunFolder, layers: int, seed: int, **more) -> None:
+    described = {"task": folder.task, "subgoal_layers": layers, "seed": seed, "success_rate": 0.5}
+    policy_files.write(folder.policy(layers, seed), {}, {**described, **more})
 
 
 def test_rows_read_back_with_empty_cells_for_what_is_not_a_number(folder):
@@ -160,9 +160,9 @@ def test_a_line_cut_short_is_dropped(folder, cut):
     assert folder.results.read_bytes() == whole[: whole.rstrip().rfind(b"\n") + 1]
 
 
-def test_preparing_drops_the_runs_of_seeds_trained_anew_and_no_others(folder):
+def test_preparing_drops_the_rows_of_seeds_trained_anew_and_no_others(folder):
     results.append(folder.results, [row(0, 0), row(1, 0), row(1, 0, layers=2)])
-    for layers, seed in ((1, 0), (1, 1), (2, 1)):
+    for layers, seed in ((1, 0), (2, 1)):
         add_policy(folder, layers, seed)
     folder.failures.mkdir()
     (folder.failures / "old.txt").touch()
@@ -173,6 +173,28 @@ def test_preparing_drops_the_runs_of_seeds_trained_anew_and_no_others(folder):
     assert [folder.has_policy(*run) for run in ((1, 0), (1, 1), (2, 1))] == [True, False, True]
     assert len(list(folder.policies.iterdir())) == 4
     assert not folder.failures.exists()
+
+
+def test_preparing_an_extension_keeps_the_rows_until_the_policys_period_and_the_policy(folder):
+    results.append(folder.results, [row(0, period) for period in range(4)])
+    add_policy(folder, 1, 0, period=1)
+    before = folder.results.read_text().splitlines()
+    behind = [{**row(0, period), "wall_seconds": 99.0} for period in range(3)]
+    with folder.lock():
+        folder.prepare({(1, 0): behind})
+    lines = folder.results.read_text().splitlines()
+    assert lines[:3] == before[:3]  # as they were
+    assert len(lines) == 4 and ",99.0," in lines[3]  # the checkpoint's, and no later one
+    assert folder.ended(AGENT) == {0: (1, True)} and folder.has_policy(1, 0)
+
+
+def test_rows_that_were_lost_are_noticed(folder):
+    results.append(folder.results, [row(0, period) for period in (0, 1, 3)])
+    assert folder.ended(AGENT) == {}  # no policy
+    add_policy(folder, 1, 0, period=3)
+    assert folder.ended(AGENT) == {0: (1, False)}
+    add_policy(folder, 1, 0, period=1)  # period 3 is of an extension
+    assert folder.ended(AGENT) == {0: (1, True)}
 
 
 def test_preparing_removes_what_a_kill_left_half_written_and_nothing_else(folder):

@@ -1,6 +1,8 @@
 """Rendering in a process of its own: real policies become files, failures leave nothing behind."""
 
+import contextlib
 import json
+import os
 import shutil
 import subprocess
 import sys
@@ -16,12 +18,13 @@ import pytest
 import hac_suite
 import tasks
 from launch import doctor, play
-from launch.asking import settings
+from launch.asking import settings, start
 from launch.folder import policies
 from launch.folder.layout import RunFolder
 from launch.jobs import worker
 from launch.jobs.local import StopSignal
 from launch.pictures import rendering, video
+from tests.launch import lives
 
 TASK = "ur5_reacher"
 
@@ -259,16 +262,31 @@ def test_a_stop_ends_the_renderer():
     assert time.monotonic() - start < 10
 
 
+def test_a_renderer_dies_with_its_launch_whatever_it_is_at(tmp_path):
+    """A task file that hangs takes the place of a rendering that takes long."""
+    file, began = tmp_path / "hangs.py", tmp_path / "began"
+    file.write_text(f"import pathlib, time\npathlib.Path({str(began)!r}).touch()\ntime.sleep(600)")
+    request = json.dumps({"task": f"{file}:any", "policies": [], "output": "v.mp4", "episodes": 1})
+    code = f"from launch.pictures import video; video.run_renderer('disabled', {request!r})"
+    launched = subprocess.Popen([sys.executable, "-c", code], start_new_session=True)
+    lives.wait_for(began.exists, 200)
+    os.killpg(launched.pid, 0)
+    launched.kill()
+    launched.wait()
+    lives.wait_until_gone(launched.pid)
+
+
 def test_after_a_stop_no_other_backend_is_tried(tmp_path, monkeypatch):
     stop = StopSignal()
 
-    def started(command, *, env, **_):
-        assert env["MUJOCO_GL"] == "egl"
+    @contextlib.contextmanager
+    def started(command, environment):
+        assert environment["MUJOCO_GL"] == "egl"
         stop.number = 2  # while the first backend fails
-        return subprocess.Popen([sys.executable, "-c", "1 / 0"], stderr=subprocess.PIPE, text=True)
+        with start.child([sys.executable, "-c", "1 / 0"], environment) as process:
+            yield process
 
-    monkeypatch.setattr(video, "subprocess", types.SimpleNamespace(**vars(subprocess)))
-    monkeypatch.setattr(video.subprocess, "Popen", started)
+    monkeypatch.setattr(video, "start", types.SimpleNamespace(child=started))
     with pytest.raises(video.RenderingError, match=r"^stopped$"):
         video.render([tmp_path / "any"], tmp_path / "v.mp4", stop=stop)
 

@@ -1,0 +1,85 @@
+"""A policy's two files: the weights, and a description for people and readers that need no weights.
+
+The weights' file holds the description as well. A kill can come between the replacing of one file
+and of the other: the description then says by its checksum that it is of other weights, and what
+the weights say of themselves counts. So a policy that is replaced is the old one or the new one.
+"""
+
+import hashlib
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import safetensors
+import safetensors.torch
+import torch
+
+WEIGHTS, DESCRIPTION = SUFFIXES = (".safetensors", ".json")
+"""In the order in which they are to be put in place."""
+_FORMAT = "hac_suite.policy/2"
+_CHECKSUM = "weights"  # in the description: of the file of weights that it was saved with
+
+
+def paths(path: Path) -> tuple[Path, Path]:
+    """The files of a policy: weights, description; its path may have the suffix of one of them."""
+    if path.suffix in SUFFIXES:
+        path = path.with_suffix("")
+    return path.with_name(path.name + WEIGHTS), path.with_name(path.name + DESCRIPTION)
+
+
+def write(path: Path, tensors: Mapping[str, torch.Tensor], description: Mapping[str, Any]) -> None:
+    """Writes both files."""
+    described = {"format": _FORMAT, **description}
+    # Not `save_file`: it lets nobody else read the file, and a kill leaves its temporary one.
+    data = safetensors.torch.save(dict(tensors), {"description": json.dumps(described)})
+    weights, text = paths(path)
+    weights.write_bytes(data)
+    described[_CHECKSUM] = hashlib.sha256(data).hexdigest()
+    text.write_text(json.dumps(described, indent=2) + "\n", encoding="utf-8")
+
+
+def describe(path: Path) -> dict[str, Any]:
+    """What a policy says of itself.
+
+    Raises:
+        ValueError: a file is missing, or no policy's; the message names it.
+    """
+    weights, file = paths(path)
+    try:
+        described = _described(file.read_bytes())
+        checksum = described.get(_CHECKSUM)
+        if checksum is not None and checksum != hashlib.sha256(weights.read_bytes()).hexdigest():
+            return _of_weights(weights) or described
+    except (OSError, ValueError, RecursionError) as error:
+        raise ValueError(f"{file} does not describe a policy: {error}") from error
+    return described
+
+
+def tensors(path: Path) -> dict[str, torch.Tensor]:
+    """A policy's weights.
+
+    Raises:
+        ValueError: the file is missing, or no safetensors; the message names it.
+    """
+    weights, _ = paths(path)
+    try:
+        return safetensors.torch.load_file(weights)
+    except (OSError, safetensors.SafetensorError) as error:
+        raise ValueError(f"{weights} is not a safetensors policy: {error}") from error
+
+
+def _described(text: bytes | str) -> dict[str, Any]:
+    described = json.loads(text)
+    if not isinstance(described, dict) or described.get("format") != _FORMAT:
+        raise ValueError(f"its format is not {_FORMAT!r}")
+    return described
+
+
+def _of_weights(file: Path) -> dict[str, Any] | None:
+    """What weights say of themselves; None for those that do not, or that cannot be read."""
+    try:
+        with safetensors.safe_open(file, framework="pt") as opened:
+            return _described((opened.metadata() or {})["description"])
+    except (KeyError, OSError, ValueError, safetensors.SafetensorError):
+        return None
