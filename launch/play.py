@@ -16,7 +16,7 @@ if __name__ == "__main__":
 import tasks
 from analysis import program
 from analysis.program import CommandError
-from launch.asking import lists
+from launch.asking import lists, looks
 from launch.folder import policies
 from launch.pictures import replay, video
 from launch.viewing import live, serving
@@ -25,8 +25,12 @@ _SUFFIXES = (".mp4", ".png", ".html")
 _HELP = """Renders test episodes of a trained policy into a file, or plays them live with --viewer.
 
   python launch/play.py --task=pick_place --subgoal_layers=1 --output=video.mp4
+  python launch/play.py --task=pick_place --output=strip.png --camera=side
   python launch/play.py --task=pick_place --output=episode.html
   python launch/play.py --task=pick_place --viewer=auto
+
+Under a film's or a strip's picture is a lane for the end goal and one for each level's subgoals:
+green ones were achieved, red ones missed, grey ones cut short because a level above was done.
 
 An .html is one episode in 3-D to turn and to scrub, in one file that needs no server (extra
 [viewer]). --viewer writes no file: `window` is MuJoCo's own window, `page` that of launch/view.py,
@@ -48,6 +52,7 @@ def main(argv: Sequence[str]) -> int:
 def _play(values: flags.FlagValues) -> int:
     task = lists.task(lists.task_word(values))
     output = _output(values)
+    look = video.Look(values.speed, values.camera, looks.size(values.size))
     found = _choose(values, task)
     word = tasks.find(lists.task(found[0].task)).word
     if values.viewer != "none":
@@ -57,7 +62,11 @@ def _play(values: flags.FlagValues) -> int:
         if output.suffix == ".html":
             replay.render(shown, output)
         else:
-            for note in video.render(shown, output, episodes=values.episodes, task=word):
+            with looks.telling() as tell:
+                notes = video.render(
+                    shown, output, episodes=values.episodes, look=look, task=word, tell=tell
+                )
+            for note in notes:
                 print(note)
     except video.RenderingError as error:
         print(f"error: {error}", file=sys.stderr)
@@ -84,7 +93,8 @@ def _flags() -> flags.FlagValues:
         ".mp4: a video; .png: a strip of frames; .html: an episode in 3-D",
         values,
     )
-    program.define_count(values, "episodes", 2, "how many a video shows", least=1)
+    program.define_count(values, "episodes", 1, "how many a video shows", least=1)
+    looks.define(values, "1280x720")
     flags.DEFINE_enum(
         "viewer", "none", ["none", *live.VIEWERS], "watch it live instead of writing a file", values
     )

@@ -36,6 +36,8 @@ ROOMS = {
     "launch/jobs": {"asking", "folder"},
     "launch/tuning": {"asking", "folder", "jobs"},
     "launch/pictures": {"asking", "folder", "jobs"},
+    "launch/drawing": {"pictures"},
+    "launch/films": {"drawing", "pictures"},
     "launch/viewing": {"asking", "folder", "jobs", "pictures"},
     "tasks/families": {".", "robots"},
     "tasks/robots": {"."},
@@ -62,6 +64,9 @@ EXCEPTIONS = {
     "tasks/to_gymnasium/shared.py": {"gymnasium"},
     "launch/jobs/on_ray.py": {"ray"},
     "launch/pictures/stage.py": {"mujoco"},  # bodies as they are compiled
+    "launch/drawing/lens.py": {"mujoco"},  # renders
+    "launch/drawing/view.py": {"mujoco"},  # where cameras stand
+    "launch/films/files.py": {"av"},  # encodes
     "launch/viewing/live.py": {"glfw"},  # asked whether there is a display
     "launch/viewing/window.py": {"mujoco"},
     "launch/tuning/study.py": {"optuna"},

@@ -5,6 +5,9 @@ import os
 import subprocess
 import threading
 from collections.abc import Iterator, Mapping, Sequence
+from typing import IO
+
+Stream = int | IO[str]  # where a child writes to: as `subprocess.Popen` has it
 
 _PARENT = "HAC_SUITE_PARENT"  # names the pipe whose other end the parent holds
 
@@ -23,11 +26,15 @@ def for_training() -> None:
 
 @contextlib.contextmanager
 def child(
-    command: Sequence[str], environment: Mapping[str, str]
+    command: Sequence[str],
+    environment: Mapping[str, str],
+    *,
+    stdout: Stream = subprocess.DEVNULL,
+    stderr: Stream = subprocess.PIPE,
 ) -> Iterator[subprocess.Popen[str]]:
     """A process that calls `die_with_the_parent`: it never outlives this one, however this ends.
 
-    It is killed where the block ends before it does. Its stderr is kept.
+    It is killed where the block ends before it does.
     """
     reader, writer = os.pipe()
     try:
@@ -36,8 +43,8 @@ def child(
                 command,
                 env={**environment, _PARENT: str(reader)},
                 pass_fds=[reader],
-                stdout=subprocess.DEVNULL,
-                stderr=subprocess.PIPE,
+                stdout=stdout,
+                stderr=stderr,
                 text=True,
             )
         finally:
@@ -46,7 +53,7 @@ def child(
             yield process
         finally:
             process.kill()  # does nothing to one that has ended
-            process.communicate()
+            process.wait()
     finally:
         os.close(writer)
 

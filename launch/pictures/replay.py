@@ -7,20 +7,17 @@ timeline, the key and the marks of outcomes, and says to the player which moment
 import json
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
-import numpy as np
-
-import hac_suite
-import tasks
 from analysis.program import CommandError
 from analysis.reading import paper
 from analysis.reading.files import write_text
-from launch.asking import settings
-from launch.pictures import rendering, scene
+from launch.pictures import scene
+from launch.pictures.choosing import choose
+from launch.pictures.course import Course, record
 from launch.pictures.outcomes import COLOURS, SIGNS
 from launch.pictures.stage import Poses, Stage
-from launch.pictures.subgoal_log import WORDS, LoggedSubgoal, SubgoalLog
+from launch.pictures.subgoal_log import WORDS
 from launch.pictures.video import RenderingError
 
 _LEAST_SECONDS = 5.0  # that an episode plays for at first, slowed down for it
@@ -29,47 +26,6 @@ _SECONDS_AFTER = 1.0  # of the recording: the player begins anew where it ends
 _DIGITS = 4  # of positions and quaternions in the file: a tenth of a millimetre
 _OVERLAY = Path(__file__).with_name("replay.html")
 _EMPTY = "#9aa0a6"  # the colour of a level whose subgoals have no marker
-
-
-class Course(NamedTuple):
-    """One test episode of a policy, as it is seen."""
-
-    policy: hac_suite.Policy
-    title: str  # what is to be done, in a sentence
-    seed: int  # of the episode
-    success: bool
-    control_timestep: float  # seconds
-    stage: Stage
-    poses: list[Poses]  # before the first action and after each one
-    subgoals: list[LoggedSubgoal]
-
-    @property
-    def steps(self) -> int:
-        return len(self.poses) - 1
-
-
-def record(policy: hac_suite.Policy, seed: int) -> Course:
-    """Plays a test episode and keeps what is to be seen of it.
-
-    Raises:
-      CommandError, KeyError, TypeError, ValueError: the policy's description is incomplete or of
-        another task.
-    """
-    config = settings.to_config(policy.metadata["config"])
-    env = tasks.load_vector(policy.metadata["task"], 1)
-    stage, log = Stage(env), SubgoalLog(env, policy.horizons)
-    poses: list[Poses] = []
-
-    def on_step(view: hac_suite.StepView) -> None:
-        log.on_step(view)
-        stage.show([subgoal[0] for subgoal in view.subgoals])
-        poses.append(stage.poses())
-
-    stats = hac_suite.run_episodes(env, policy, np.array([seed]), config=config, on_step=on_step)
-    spec = env.spec
-    env.close()
-    success, step = bool(stats.success[0]), spec.control_timestep
-    return Course(policy, spec.title, seed, success, step, stage, poses, log.subgoals)
 
 
 def write(course: Course, path: Path) -> None:
@@ -176,8 +132,10 @@ def render(policies: Sequence[Path], output: Path) -> None:
     """
     try:
         scene.load()
-        choice = rendering.choose([str(path) for path in policies], 1)
+        choice = choose([str(path) for path in policies], 1)
         course = record(choice.policy, choice.episodes[0])
+        if not course.poses:
+            raise RenderingError(f"{course.title}: it draws only itself, and not in 3-D")
         output.parent.mkdir(parents=True, exist_ok=True)
         write(course, output)
     except scene.ViewerMissing as error:

@@ -17,6 +17,12 @@ _GROUPS = (0, 1, 2)  # of geoms: those that MuJoCo's own viewer shows at first
 _ROUND = 32  # corners of what is round
 _HIDDEN_BELOW = -10.0  # metres; tasks hide markers far below the floor
 _HALF_TURN = np.pi
+STATE = (
+    mujoco.mjtState.mjSTATE_QPOS
+    | mujoco.mjtState.mjSTATE_MOCAP_POS
+    | mujoco.mjtState.mjSTATE_MOCAP_QUAT
+)
+"""What of MuJoCo's state says where all bodies are."""
 _FALLBACK_VIEW = np.array([0.9, -1.9, 0.9])  # times the model's extent, from its centre
 
 
@@ -65,26 +71,27 @@ class Stage:
       goal: the bodies that mark the end goal.
       subgoals: per level that can show its subgoal, the lowest first, the bodies that mark it.
       camera: where to look from.
+      model: compiled, to be read only.
     """
 
     def __init__(self, env: Watched):
         """`env` has begun an episode; its subgoals are hidden here."""
         self._env = env
-        self._model, data = env.simulation(0)
-        self._scratch = mujoco.MjData(self._model)
-        self.shapes = list(_shapes(self._model))
-        self.floor = _floor(self._model)
+        self.model, data = env.simulation(0)
+        self._scratch = mujoco.MjData(self.model)
+        self.shapes = list(_shapes(self.model))
+        self.floor = _floor(self.model)
         self.subgoals = self._marked_by_level()
         taken = {body for bodies in self.subgoals for body in bodies}
         seen = self.poses().seen
-        mocap = np.flatnonzero(self._model.body_mocapid >= 0).tolist()
+        mocap = np.flatnonzero(self.model.body_mocapid >= 0).tolist()
         self.goal = [body for body in mocap if body not in taken and seen[body]]
-        self.camera = _camera(self._model, data)
+        self.camera = _camera(self.model, data)
 
     @property
     def bodies(self) -> list[str]:
         """The bodies' names, the world's first."""
-        return [self._model.body(body).name or f"body{body}" for body in range(self._model.nbody)]
+        return [self.model.body(body).name or f"body{body}" for body in range(self.model.nbody)]
 
     def colour(self, bodies: Sequence[int]) -> str | None:
         """The colour of the first of these bodies that has a shape, as #rrggbb."""
@@ -120,9 +127,24 @@ class Stage:
             self._scratch.xpos[:, 2] > _HIDDEN_BELOW,
         )
 
+    def state(self) -> np.ndarray:
+        """Where the bodies are now, as `STATE` has it: for `mujoco.mj_setState`."""
+        state = np.empty(mujoco.mj_stateSize(self.model, STATE))
+        mujoco.mj_getState(*self._env.simulation(0), state, STATE)
+        return state
+
     def show(self, subgoals: Sequence[np.ndarray | None]) -> None:
         """Shows environment 0's subgoals [H], the lowest level's first."""
         self._env.show_subgoals(0, subgoals)
+
+
+class Unseen(Stage):
+    """Of an environment that only draws itself: there is nothing to draw."""
+
+    def __init__(self) -> None:
+        self.shapes, self.floor, self.goal, self.subgoals = [], None, [], []
+        self.camera = Camera(-_FALLBACK_VIEW, np.zeros(3), np.radians(45))
+        self.model = mujoco.MjModel.from_xml_string("<mujoco/>")
 
 
 def _shapes(model: mujoco.MjModel) -> Iterator[Shape]:

@@ -14,6 +14,7 @@ from analysis.report.index import write_index
 from analysis.report.run_report import write_report
 from analysis.statistics.seeds import final_success
 from hac_suite import policy_files
+from launch.asking import looks
 from launch.asking.request import Request
 from launch.folder import policies, results
 from launch.folder.agents import Agent
@@ -81,7 +82,10 @@ def _video(folder: RunFolder, layers: int, console: Console, stop: StopSignal) -
             return
         console.print(f"rendering {target}", soft_wrap=True)
         shown = [policy.path for policy in policies.typical(own)]
-        for note in video.render(shown, target, stop=stop, task=tasks.find(folder.task).word):
+        word = tasks.find(folder.task).word
+        with looks.telling() as tell:
+            notes = video.render(shown, target, stop=stop, task=word, tell=tell)
+        for note in notes:
             console.print(note, soft_wrap=True)
     except (CommandError, video.RenderingError) as error:
         agent = Agent(folder.task, layers)

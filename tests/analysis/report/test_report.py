@@ -11,11 +11,22 @@ from pathlib import Path
 import pytest
 
 from analysis.reading import grid
+from analysis.report import page
 from analysis.report.__main__ import main
 from analysis.report.run_report import write_report
 
 CURVES = {0: [[0.0, 0.1], [0.0, 0.2]], 1: [[0.0, 0.9], [0.0, 1.0], [0.0, None]], 2: [[0.0]]}
 VOID = {"meta", "img", "link", "br"}
+
+
+@pytest.fixture(autouse=True)
+def empty_pictures(monkeypatch):
+    """To draw figures takes most of a report's time, and one test looks at them."""
+
+    def of(figure, description, caption, dpi):
+        return page.Picture("data:image/png;base64,", description, caption)
+
+    monkeypatch.setattr(page.Picture, "of", of)
 
 
 class Page(HTMLParser):
@@ -49,16 +60,17 @@ def _cells(path: Path) -> list[list[str]]:
     return [re.findall(r"<td>(.*?)</td>", row) for row in rows]
 
 
-def test_figures_are_inside_the_page_and_nothing_is_fetched(make_run):
+def test_figures_are_inside_the_page_and_nothing_is_fetched(make_run, monkeypatch):
+    monkeypatch.undo()
     path = write_report(make_run(CURVES))
-    page = Page(path)
-    sources = page.values("img", "src")
+    shown = Page(path)
+    sources = shown.values("img", "src")
     assert len(sources) == 4
     for source in sources:
         kind, data = source.split(",", 1)
         assert kind == "data:image/png;base64"
         assert base64.b64decode(data).startswith(b"\x89PNG")
-    assert not {"script", "link", "iframe"} & {tag for tag, _ in page.tags}
+    assert not {"script", "link", "iframe"} & {tag for tag, _ in shown.tags}
     assert "http" not in path.read_text(encoding="utf-8")
 
 
@@ -80,9 +92,9 @@ def test_videos_and_policies_are_linked_by_relative_paths(make_run):
     for name in ("videos/pick_place_1layers.mp4", "policies/a b#1.safetensors"):
         (folder / name).parent.mkdir()
         (folder / name).touch()
-    page = Page(write_report(folder))
-    assert page.values("video", "src") == ["videos/pick_place_1layers.mp4"]
-    links = page.values("a", "href")
+    shown = Page(write_report(folder))
+    assert shown.values("video", "src") == ["videos/pick_place_1layers.mp4"]
+    links = shown.values("a", "href")
     assert "policies/a%20b%231.safetensors" in links
     assert "results.csv" in links and "figure.png" not in links
     assert all(not link.startswith(("/", "http")) for link in links)
@@ -154,10 +166,10 @@ def test_markup_in_names_and_manifest_is_escaped(make_run, make_results, tmp_pat
     (folder / "videos" / "<b>'\".mp4").touch()
     (folder / "policies" / "<i>.safetensors").touch()
     path = write_report(folder)
-    page = Page(path)
-    assert not {"script", "b", "i"} & {tag for tag, _ in page.tags}
-    assert page.values("video", "src") == ["videos/%3Cb%3E%27%22.mp4"]
-    assert evil in page.text
+    shown = Page(path)
+    assert not {"script", "b", "i"} & {tag for tag, _ in shown.tags}
+    assert shown.values("video", "src") == ["videos/%3Cb%3E%27%22.mp4"]
+    assert evil in shown.text
 
 
 def test_command_line(make_run, capsys, tmp_path):
@@ -173,18 +185,18 @@ def test_everything_can_be_read_without_eyes_or_a_mouse(make_run):
     for name in ("videos/pick_place_1layers.mp4", "replays/pick_place_1layers.html"):
         (folder / name).parent.mkdir()
         (folder / name).touch()
-    page = Page(write_report(folder))
-    assert all(page.values("img", "alt")) and len(page.values("img", "alt")) == 4
-    assert page.values("video", "aria-label") == ["video: pick_place_1layers"]
-    assert [tag for tag, _ in page.tags].count("h1") == 1
-    assert set(page.values("th", "scope")) == {"col"}
-    assert page.values("html", "lang") == ["en"]
+    shown = Page(write_report(folder))
+    assert all(shown.values("img", "alt")) and len(shown.values("img", "alt")) == 4
+    assert shown.values("video", "aria-label") == ["video: pick_place_1layers"]
+    assert [tag for tag, _ in shown.tags].count("h1") == 1
+    assert set(shown.values("th", "scope")) == {"col"}
+    assert shown.values("html", "lang") == ["en"]
     # What scrolls sideways can be reached by the keyboard, and says what it is.
-    regions = [attrs for tag, attrs in page.tags if attrs.get("class") == "scroll"]
+    regions = [attrs for tag, attrs in shown.tags if attrs.get("class") == "scroll"]
     assert all(attrs["tabindex"] == "0" and attrs["aria-label"] for attrs in regions)
-    anchors = {link for link in page.values("a", "href") if link.startswith("#")}
-    assert {f"#{name}" for name in page.values("section", "id")} == anchors
-    assert "replays/pick_place_1layers.html" in page.values("a", "href")
+    anchors = {link for link in shown.values("a", "href") if link.startswith("#")}
+    assert {f"#{name}" for name in shown.values("section", "id")} == anchors
+    assert "replays/pick_place_1layers.html" in shown.values("a", "href")
 
 
 def _luminance(colour: str) -> float:

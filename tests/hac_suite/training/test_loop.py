@@ -44,12 +44,12 @@ def run(config, seeds, layers, periods) -> list[loop.PeriodResult]:
     )
 
 
-# Learners and layers: all of ddpg, and td3 in the middle; the rest of td3 is slow by its number.
-BOTH = [("ddpg", 0), ("ddpg", 1), ("ddpg", 2), ("td3", 1)]
-BOTH += [pytest.param("td3", layers, marks=pytest.mark.slow) for layers in (0, 2)]
+# Learners and layers: the one in the middle stands for the others in the quick tests.
+AGENTS = [("ddpg", 0), ("ddpg", 2), ("td3", 0), ("td3", 1), ("td3", 2)]
+AGENTS = [("ddpg", 1), *(pytest.param(*agent, marks=pytest.mark.slow) for agent in AGENTS)]
 
 
-@pytest.mark.parametrize(("learner", "layers"), BOTH)
+@pytest.mark.parametrize(("learner", "layers"), AGENTS)
 def test_agents_learn_the_tiny_task(learner, layers):
     results = run(dataclasses.replace(SMALL, learner=learner), [0, 1, 2], layers, periods=5)
     success = [np.mean([row["success_rate"] for row in result.rows]) for result in results]

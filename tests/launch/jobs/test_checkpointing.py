@@ -102,7 +102,7 @@ def test_finished_runs_are_kept_whatever_becomes_of_checkpoints(tmp_path, whole)
     assert live(out, *WORDS, "--seeds=1")[0] == 0
     before = outcome(out)
     status, _ = live(out, *WORDS, first=dying_at(20))  # seed 1, alone
-    assert status == -signal.SIGKILL and standings(out) == {NAMES[1]: 20}
+    assert status == -signal.SIGKILL and standings(out) == {NAMES[0]: 36, NAMES[1]: 20}
     for file in RunFolder(out, TASK).checkpoints_of(1, 1).iterdir():
         file.write_bytes(b"")
     status, printed = live(out, *WORDS)
@@ -260,7 +260,8 @@ class Clock:
         monkeypatch.setattr(checkpointing.time, "monotonic", lambda: self.now)
         monkeypatch.setattr(checkpoint.Writer, "save", self._save)
 
-    def _save(self, states) -> None:
+    def _save(self, states, *, alone: bool) -> None:
+        assert not alone
         self.saves.append(self.now)
         self.now += self.cost
 

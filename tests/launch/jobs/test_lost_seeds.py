@@ -47,7 +47,8 @@ def test_the_other_seeds_do_not_change_by_a_bit(tmp_path, tiny, value):
     recorded = json.loads(folder.manifest.read_text())
     assert [failure["seeds"] for failure in recorded["failures"]] == [[1]]
     assert [job["seeds"] for job in recorded["jobs"]] == [[0, 2]]
-    assert standings(tmp_path / "spoilt") == {f"{TASK}_1layers_seed1": 12}
+    ended = {f"{TASK}_1layers_seed{seed}": 24 for seed in (0, 2)}
+    assert standings(tmp_path / "spoilt") == {**ended, f"{TASK}_1layers_seed1": 12}
 
 
 def test_a_launch_whose_seeds_are_all_lost_ends_and_says_so(tmp_path, tiny):

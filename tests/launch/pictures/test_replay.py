@@ -13,8 +13,9 @@ import hac_suite
 import tasks
 from launch import play
 from launch.folder import policies
+from launch.pictures import course as course_lib
 from launch.pictures import replay, scene
-from launch.pictures.replay import Course
+from launch.pictures.course import Course
 from launch.pictures.video import RenderingError
 
 TASK, SEED = "ur5_reacher", 11
@@ -23,7 +24,7 @@ POLICY = policies.PUBLISHED / f"{TASK}_2layers_seed0"
 
 @pytest.fixture(scope="module")
 def course() -> Course:
-    return replay.record(hac_suite.Policy.load(POLICY), SEED)
+    return course_lib.record(hac_suite.Policy.load(POLICY), SEED)
 
 
 @pytest.fixture(scope="module")

@@ -1,7 +1,9 @@
 """Rendering in a process of its own: real policies become files, failures leave nothing behind."""
 
 import contextlib
+import itertools
 import json
+import math
 import os
 import shutil
 import subprocess
@@ -19,11 +21,13 @@ import hac_suite
 import tasks
 from launch import doctor, play
 from launch.asking import settings, start
+from launch.drawing import pacing
+from launch.films import rendering
 from launch.folder import policies
 from launch.folder.layout import RunFolder
 from launch.jobs import worker
 from launch.jobs.local import StopSignal
-from launch.pictures import rendering, video
+from launch.pictures import choosing, video
 from tests.launch import lives
 
 TASK = "ur5_reacher"
@@ -77,17 +81,42 @@ def test_a_saved_policy_leaves_no_other_file(folder):
 @pytest.mark.requires_gl
 def test_play_writes_an_mp4_that_players_open(run, tmp_path, capsys):
     output = tmp_path / "new folder" / "v.mp4"
-    assert play.main([*run, "--episodes=1", f"--output={output}"]) == 0
+    assert play.main([*run, "--size=640x360", f"--output={output}"]) == 0
     assert capsys.readouterr().out.strip().endswith(str(output))
     assert [path.name for path in output.parent.iterdir()] == ["v.mp4"]
     described = iio.immeta(output, plugin="pyav")
-    assert (described["codec"], described["fps"]) == ("h264", rendering.frames_per_second(TASK))
-    assert described["video_format"].startswith("yuv420p")
+    assert (described["codec"], described["fps"]) == ("h264", pacing.FRAMES_PER_SECOND)
+    assert described["duration"] >= 5.5
     frames = iio.imread(output, plugin="pyav")
-    assert frames.shape[2:] == (rendering.SIZE[0], 3) and len(frames) > 45
-    title, picture = frames[0, :56], frames[0, 56:]
+    assert frames.shape[1:] == (360, 640, 3)
+    title, picture = frames[0, :31], frames[0, 31:270]
     assert title.max() > 200 and picture.std() > 10
     assert np.abs(frames[0].astype(int) - frames[len(frames) // 2]).max() > 50
+    moved = np.abs(np.diff(frames[:-11].astype(np.int16), axis=0)).max((1, 2, 3)) > 40
+    assert moved.mean() > 0.9  # no frame is shown twice
+
+
+@pytest.mark.requires_gl
+def test_a_film_that_is_rendered_tells_how_far_it_is(folder, tmp_path):
+    told = []
+    video.render(
+        [folder.policy(2, 3)],
+        tmp_path / "v.mp4",
+        look=video.Look(speed=4.0, size=(320, 180)),
+        tell=lambda done, count: told.append((done, count)),
+    )
+    assert told and told == sorted(told)
+    count = len(iio.imread(tmp_path / "v.mp4", plugin="pyav"))
+    assert told[-1] == (count, count)
+
+
+@pytest.mark.requires_gl
+def test_an_unknown_camera_is_answered_in_one_line(run, tmp_path, capsys):
+    words = ["--camera=frunt", "--size=320x180", f"--output={tmp_path / 'v.mp4'}"]
+    assert play.main([*run, *words]) == 1
+    answer = capsys.readouterr().err
+    assert answer == "error: flag --camera: unknown camera 'frunt': did you mean 'front'?\n"
+    assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.slow
@@ -95,12 +124,13 @@ def test_play_writes_an_mp4_that_players_open(run, tmp_path, capsys):
 def test_play_writes_a_strip_of_frames_from_a_renamed_run_folder(copy, tmp_path):
     output, renamed = tmp_path / "strip.png", tmp_path / "of last week"
     copy.path.rename(renamed)
-    words = [f"--run={renamed}", "--seed=3", f"--output={output}"]
+    words = [f"--run={renamed}", "--seed=3", "--camera=side", f"--output={output}"]
     assert play.main(["launch/play.py", *words]) == 0
     strip = iio.imread(output)
-    assert strip.shape == (268, 6 * 320, 3)
-    first, last = strip[:, :320], strip[:, -320:]
-    assert np.abs(first.astype(int) - last).max() > 50
+    assert strip.shape[1:] == (1280, 3)
+    pictures = [strip[120:300, at : at + 400] for at in (0, 428, 856)]
+    for one, other in itertools.combinations(pictures, 2):
+        assert np.abs(one.astype(int) - other).max() > 50
 
 
 @pytest.mark.parametrize(
@@ -113,6 +143,9 @@ def test_play_writes_a_strip_of_frames_from_a_renamed_run_folder(copy, tmp_path)
         (["--subgoal_layers=1"], "no policy of 1 subgoal layer"),
         (["--run=elsewhere"], "elsewhere holds no policies; train some with"),
         (["--output=v.gif"], "ends in .mp4, .png or .html"),
+        (["--size=1281x720"], "--size=1281x720: it takes WIDTHxHEIGHT, even numbers"),
+        (["--size=big"], "--size=big: it takes WIDTHxHEIGHT"),
+        (["--speed=0"], "--speed=0"),
         (["--sed=3"], "unknown flag 'sed': did you mean 'seed'?"),
         (["--episodes=0"], "--episodes=0"),
     ],
@@ -124,22 +157,25 @@ def test_play_answers_bad_input_in_one_line(run, capsys, words, answer):
 
 
 @pytest.mark.parametrize(
-    ("text", "answer"),
+    ("content", "answer"),
     [
         ("{", "Expecting property name"),
-        ("[1]", "its task is None"),
-        ('{"task": "mine.py:reach"}', "its task is 'mine.py:reach', which is not a name"),
-        ('{"task": "gym:mine:Reach-v0"}', "its task is 'gym:mine:Reach-v0', which is not a name"),
-        (f'{{"task": "{TASK}", "subgoal_layers": "two"}}', "its subgoal_layers is 'two'"),
+        ("[1]", "its format is not 'hac_suite.policy/2'"),
+        ({"task": None}, "its task is None"),
+        ({"task": "mine.py:reach"}, "its task is 'mine.py:reach', which is not a name"),
+        ({"task": "gym:mine:Reach-v0"}, "its task is 'gym:mine:Reach-v0', which is not a name"),
+        ({"task": TASK, "subgoal_layers": "two"}, "its subgoal_layers is 'two'"),
         (
-            f'{{"task": "{TASK}", "subgoal_layers": 2, "seed": 3, "success_rate": NaN}}',
+            {"task": TASK, "subgoal_layers": 2, "seed": 3, "success_rate": math.nan},
             "its success_rate is nan",
         ),
     ],
 )
-def test_a_damaged_description_is_answered_in_one_line(copy, tmp_path, capsys, text, answer):
+def test_a_damaged_description_is_answered_in_one_line(copy, tmp_path, capsys, content, answer):
     file = copy.policy(2, 3).with_suffix(".json")
-    file.write_text(text)
+    if not isinstance(content, str):
+        content = json.dumps({"format": "hac_suite.policy/2", **content})
+    file.write_text(content)
     assert play.main(["launch/play.py", f"--run={copy.path}", f"--output={tmp_path}/v.mp4"]) == 2
     printed = capsys.readouterr().err
     assert f"{file} does not describe a policy" in printed and answer in printed
@@ -155,15 +191,17 @@ def test_a_seed_that_succeeds_is_shown_if_the_median_one_never_does(monkeypatch)
     assert [policy.seed for policy in order] == [1, 3, 0]  # the median, then the best first
 
     succeeds = {"1": [False, False, False], "3": [False, True, False], "0": [True, True, True]}
-    monkeypatch.setattr(rendering.hac_suite.Policy, "load", lambda path: path)
+    monkeypatch.setattr(choosing.hac_suite.Policy, "load", lambda path: path)
+    monkeypatch.setattr(choosing, "_AT_ONCE", 2)
+    monkeypatch.setattr(choosing, "seeds_of_tests", lambda policy, least: np.array([7, 8, 9]))
     monkeypatch.setattr(
-        rendering,
-        "_test_episodes",
-        lambda policy, least: (np.array([7, 8, 9]), np.array(succeeds[policy])),
+        choosing,
+        "succeeds",
+        lambda policy, seeds: np.array([succeeds[policy][seed - 7] for seed in seeds]),
     )
     paths = [str(policy.path) for policy in order]
-    assert rendering.choose(paths, 2) == ("3", [8, 7])
-    assert rendering.choose(paths[:1], 2) == ("1", [7, 8])
+    assert choosing.choose(paths, 2) == ("3", [8, 7])
+    assert choosing.choose(paths[:1], 2) == ("1", [7, 8])
 
 
 def test_episodes_are_chosen_among_those_that_were_tested(monkeypatch):
@@ -190,25 +228,11 @@ def test_episodes_are_chosen_among_those_that_were_tested(monkeypatch):
     (both,) = tested
     metadata = {"task": TASK, "seed": 4, "config": settings.as_json(config)}
     policy = hac_suite.Policy(result.policies[1].networks, result.policies[1].horizons, metadata)
-    monkeypatch.setattr(rendering.hac_suite.Policy, "load", lambda path: policy)
-    _, shown = rendering.choose(["any"], 2)
-    assert tested[1].tolist() == both[5:].tolist()
+    monkeypatch.setattr(choosing.hac_suite.Policy, "load", lambda path: policy)
+    _, shown = choosing.choose(["any"], 2)
+    played = np.concatenate(tested[1:])
+    assert played.tolist() == both[5:].tolist()
     assert set(shown) <= set(both[5:].tolist())
-
-
-@pytest.mark.parametrize("task", tasks.ALL)
-def test_videos_play_at_the_tasks_pace_or_up_to_twice_as_slow(task):
-    of_steps = 1 / (2 * tasks.load_vector(task, 1).control_timestep)
-    assert 0.98 <= of_steps / rendering.frames_per_second(task) < 2
-
-
-def test_the_title_bounds_the_attempts_that_are_bounded():
-    view = types.SimpleNamespace(step=7, attempts=[np.array([3]), np.array([12])])
-    released, held = hac_suite.Config(), hac_suite.Config(test_until_horizon=False)
-    assert rendering.counts(view, 99, (9, 11), released) == (
-        "step 7/99   attempts at level 0: 3/9,  level 1: 12"
-    )
-    assert rendering.counts(view, 99, (9, 11), held).endswith("level 1: 12/11")
 
 
 def test_no_backend_means_a_remedy_and_no_file(folder, tmp_path):
@@ -237,13 +261,18 @@ def test_a_pickle_is_not_rendered(folder, tmp_path):
 
 
 def test_an_encoder_that_dies_leaves_no_half_video(folder, tmp_path, monkeypatch):
-    def dies(choice, path: Path) -> None:
+    def dies(frames, path: Path) -> None:
         path.write_bytes(b"half a video")
         raise OSError("the encoder died")
 
-    monkeypatch.setattr(rendering, "write_video", dies)
-    paths = [str(folder.policy(2, 3))]
-    request = {"policies": paths, "output": str(tmp_path / "v.mp4"), "episodes": 1}
+    monkeypatch.setattr(rendering, "write_mp4", dies)
+    request = {
+        "films": [str(folder.policy(2, 3))],
+        "output": str(tmp_path / "v.mp4"),
+        "columns": [],
+        "episodes": 1,
+        **video.PLAIN._asdict(),
+    }
     with pytest.raises(OSError, match="encoder died"):
         rendering.main(json.dumps(request))
     assert list(tmp_path.iterdir()) == []
@@ -266,7 +295,7 @@ def test_a_renderer_dies_with_its_launch_whatever_it_is_at(tmp_path):
     """A task file that hangs takes the place of a rendering that takes long."""
     file, began = tmp_path / "hangs.py", tmp_path / "began"
     file.write_text(f"import pathlib, time\npathlib.Path({str(began)!r}).touch()\ntime.sleep(600)")
-    request = json.dumps({"task": f"{file}:any", "policies": [], "output": "v.mp4", "episodes": 1})
+    request = json.dumps({"task": f"{file}:any", "films": [], "output": "v.mp4"})
     code = f"from launch.pictures import video; video.run_renderer('disabled', {request!r})"
     launched = subprocess.Popen([sys.executable, "-c", code], start_new_session=True)
     lives.wait_for(began.exists, 200)
@@ -280,10 +309,10 @@ def test_after_a_stop_no_other_backend_is_tried(tmp_path, monkeypatch):
     stop = StopSignal()
 
     @contextlib.contextmanager
-    def started(command, environment):
+    def started(command, environment, **streams):
         assert environment["MUJOCO_GL"] == "egl"
         stop.number = 2  # while the first backend fails
-        with start.child([sys.executable, "-c", "1 / 0"], environment) as process:
+        with start.child([sys.executable, "-c", "1 / 0"], environment, **streams) as process:
             yield process
 
     monkeypatch.setattr(video, "start", types.SimpleNamespace(child=started))
