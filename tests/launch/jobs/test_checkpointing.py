@@ -102,7 +102,7 @@ def test_finished_runs_are_kept_whatever_becomes_of_checkpoints(tmp_path, whole)
     assert live(out, *WORDS, "--seeds=1")[0] == 0
     before = outcome(out)
     status, _ = live(out, *WORDS, first=dying_at(20))  # seed 1, alone
-    assert status == -signal.SIGKILL and standings(out) == {NAMES[1]: 20}
+    assert status == -signal.SIGKILL and standings(out) == {NAMES[0]: 36, NAMES[1]: 20}
     for file in RunFolder(out, TASK).checkpoints_of(1, 1).iterdir():
         file.write_bytes(b"")
     status, printed = live(out, *WORDS)
@@ -192,6 +192,20 @@ def test_other_versions_are_refused_in_one_line_unless_wanted(tmp_path, tiny, mo
     assert lived("warning", "--other_versions") == 0
 
 
+def test_going_on_under_changed_code_is_warned_of_and_recorded(tmp_path, tiny, monkeypatch):
+    monkeypatch.setattr(manifest, "commit", lambda: "a1b2c3")
+    interrupted(tmp_path / "here")
+    monkeypatch.setattr(manifest, "commit", lambda: "d4e5f6+changes")
+    status, printed = live(tmp_path / "here", *WORDS)
+    (line,) = [line for line in printed.splitlines() if line.startswith("warning: ")]
+    assert status == 0 and "commit a1b2c3 began what d4e5f6+changes goes on with" in line
+    recorded = manifest.read(RunFolder(tmp_path / "here", TASK).manifest)
+    assert recorded is not None and recorded["commit"] == "d4e5f6+changes"
+    assert [launch["commit"] for launch in recorded["earlier_launches"]] == ["a1b2c3"]
+    status, printed = live(tmp_path / "here", *WORDS)  # nothing is left to go on with
+    assert status == 0 and "warning" not in printed
+
+
 def test_a_disk_that_fills_up_costs_checkpoints_and_a_warning(tmp_path, whole):
     """Files beyond a size cannot be written: the first checkpoints can, the later ones cannot."""
 
@@ -249,6 +263,33 @@ def test_a_signal_saves_at_the_next_boundary_though_nothing_is_due(tmp_path, who
     assert outcome(out) == whole
 
 
+def test_a_save_that_fails_as_the_run_is_stopped_is_told_as_it_is(tmp_path, whole):
+    def signalled_on_a_full_disk() -> None:
+        at_boundary = checkpointing.Saver.at_boundary
+
+        def handed(self, boundary):
+            if boundary.train_episodes == 28:
+                resource.setrlimit(resource.RLIMIT_FSIZE, (1000, resource.RLIM_INFINITY))
+                os.kill(os.getpid(), signal.SIGTERM)
+            try:
+                at_boundary(self, boundary)
+            except SystemExit as end:
+                print(end)
+                raise
+
+        checkpointing.Saver.at_boundary = handed  # type: ignore[method-assign]
+
+    out = tmp_path / "here"
+    _, printed = live(out, *WORDS, first=signalled_on_a_full_disk)
+    assert "stopped at episode 28, which could not be saved" in printed
+    assert "the same command goes on from episode 24" in printed
+    assert "holds all until episode 24, and nothing later" in printed
+    assert "training goes on" not in printed and "until here" not in printed
+    assert standings(out) == dict.fromkeys(NAMES, 24)
+    assert live(out, *WORDS)[0] == 0
+    assert outcome(out) == whole
+
+
 SETUP = checkpointing.Setup(Agent(TASK, 0), (300,), hac_suite.PRESETS["paper"])
 
 
@@ -260,7 +301,8 @@ class Clock:
         monkeypatch.setattr(checkpointing.time, "monotonic", lambda: self.now)
         monkeypatch.setattr(checkpoint.Writer, "save", self._save)
 
-    def _save(self, states) -> None:
+    def _save(self, states, *, alone: bool) -> None:
+        assert not alone
         self.saves.append(self.now)
         self.now += self.cost
 
