@@ -19,6 +19,7 @@ import safetensors.torch
 from hac_suite.state import SeedState
 
 _FORMAT = "hac_suite.checkpoint/1"
+_MOST_NUMBERS = 256 * 2**20  # bytes of what is beside the tensors
 _TENSORS, _NUMBERS = ".safetensors", ".json"
 
 
@@ -145,6 +146,10 @@ def _checksum(description: Mapping[str, Any]) -> str:
 
 def _described(file: Path) -> dict[str, Any]:
     try:
+        if not file.is_file():
+            raise ValueError("it is no regular file")
+        if file.stat().st_size > _MOST_NUMBERS:
+            raise ValueError(f"it has more than {_MOST_NUMBERS:,} bytes")
         description = json.loads(file.read_bytes())
         checksum = _checksum(description) if isinstance(description, dict) else None
     except (OSError, ValueError, RecursionError) as error:
@@ -166,8 +171,10 @@ def _tensors(file: Path, description: Mapping[str, Any]) -> bytes:
     """The tensors' file beside a description, as bytes that match its checksum."""
     beside = file.with_suffix(_TENSORS)
     try:
+        if beside.exists() and not beside.is_file():
+            raise ValueError("it is no regular file")
         data = beside.read_bytes()
-    except OSError as error:
+    except (OSError, ValueError) as error:
         raise ValueError(f"{beside} cannot be read: {error}") from error
     if hashlib.sha256(data).hexdigest() != description.get("tensors"):
         raise ValueError(f"{beside} is damaged: it does not match its checksum")

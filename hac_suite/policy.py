@@ -13,6 +13,7 @@ from hac_suite.acting import Episode
 from hac_suite.learning.networks import ALIGNED, StackedMLP, in_whole_registers
 from hac_suite.types import Actor, LevelSpec, Spaces, level_specs
 
+_MOST_ATTEMPTS = 10**6  # of a level; what nobody means must not run for ever
 _CRITIC = "critic."  # in the names of tensors
 
 
@@ -183,7 +184,7 @@ def _horizons(description: dict[str, Any], path: Path) -> list[int]:
 
 
 def _is_count(value: Any) -> bool:
-    return isinstance(value, int) and value > 0
+    return type(value) is int and 0 < value < _MOST_ATTEMPTS
 
 
 def _chained(layers: list[torch.Tensor]) -> bool:
@@ -200,6 +201,9 @@ def _network(
         layers.append(tensors[f"level{level}.{prefix}layer{len(layers)}"])
     if not layers or not _chained(layers):
         raise ValueError(f"{path} lacks a whole network for level {level}.")
+    kinds = {str(layer.dtype).removeprefix("torch.") for layer in layers} - {"float32"}
+    if kinds:
+        raise ValueError(f"{path}: the weights of level {level} are {kinds.pop()}, not float32.")
     if not all(bool(torch.isfinite(layer).all()) for layer in layers):
         raise ValueError(f"{path}: the weights of level {level} are not all finite.")
     sizes = [layer.shape[1] - 1 for layer in layers] + [layers[-1].shape[0]]

@@ -18,6 +18,7 @@ import torch
 WEIGHTS, DESCRIPTION = SUFFIXES = (".safetensors", ".json")
 """In the order in which they are to be put in place."""
 _FORMAT = "hac_suite.policy/2"
+_MOST_BYTES = 256 * 2**20
 _CHECKSUM = "weights"  # in the description: of the file of weights that it was saved with
 
 
@@ -47,9 +48,9 @@ def describe(path: Path) -> dict[str, Any]:
     """
     weights, file = paths(path)
     try:
-        described = _described(file.read_bytes())
+        described = _described(_read(file))
         checksum = described.get(_CHECKSUM)
-        if checksum is not None and checksum != hashlib.sha256(weights.read_bytes()).hexdigest():
+        if checksum is not None and checksum != hashlib.sha256(_read(weights)).hexdigest():
             return _of_weights(weights) or described
     except (OSError, ValueError, RecursionError) as error:
         raise ValueError(f"{file} does not describe a policy: {error}") from error
@@ -64,9 +65,20 @@ def tensors(path: Path) -> dict[str, torch.Tensor]:
     """
     weights, _ = paths(path)
     try:
-        return safetensors.torch.load_file(weights)
-    except (OSError, safetensors.SafetensorError) as error:
+        return safetensors.torch.load(_read(weights))
+    except (OSError, ValueError, safetensors.SafetensorError) as error:
         raise ValueError(f"{weights} is not a safetensors policy: {error}") from error
+
+
+def _read(file: Path) -> bytes:
+    """What a regular file of some size at most holds; a pipe, say, would never end."""
+    if not file.is_file() and file.exists():
+        raise ValueError(f"{file} is no regular file")
+    with file.open("rb") as opened:
+        data = opened.read(_MOST_BYTES + 1)
+    if len(data) > _MOST_BYTES:
+        raise ValueError(f"{file} has more than {_MOST_BYTES:,} bytes")
+    return data
 
 
 def _described(text: bytes | str) -> dict[str, Any]:

@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from absl import flags
-from rich.console import Console
 
 if __name__ == "__main__":
     sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
@@ -25,6 +24,7 @@ import tasks
 from analysis import program
 from analysis.program import CommandError
 from launch.asking import start
+from launch.asking.console import Console
 from tasks.authoring.check import Finding, findings
 
 _HELP = """Checks a dm_control task of your own before you train it, and says how to mend it.
@@ -37,8 +37,7 @@ Flags:
 {flags}
 
 Exit status: 0 nothing is wrong; 1 something is; 2 the command was wrong."""
-_MARKS = {"good": "[green]good[/green]", "doubtful": "[yellow]doubtful[/yellow]",
-          "wrong": "[red]wrong[/red]"}  # fmt: skip
+_COLOURS = {"good": "green", "doubtful": "yellow", "wrong": "red"}
 _BACKENDS = ("egl", "osmesa")
 _SECONDS = 120
 
@@ -76,10 +75,10 @@ def _check(word: str, values: flags.FlagValues) -> int:
 
 
 def _show(finding: Finding, console: Console) -> None:
-    console.print(_MARKS[finding.verdict], end="  ")
-    console.print(finding.text, markup=False, highlight=False, soft_wrap=True)
+    console.print(finding.verdict, style=_COLOURS[finding.verdict], end="  ")
+    console.say(finding.text)
     if finding.remedy:
-        console.print(f"          {finding.remedy}", markup=False, highlight=False, soft_wrap=True)
+        console.say(f"          {finding.remedy}")
 
 
 def _still(word: str, path: Path) -> Finding:

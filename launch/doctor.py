@@ -1,6 +1,5 @@
 """Says what this machine can do, and how to mend what it cannot: `python launch/doctor.py`."""
 
-import shutil
 import sys
 import tempfile
 from collections.abc import Callable, Sequence
@@ -29,8 +28,6 @@ Flags:
 
 Exit status: 0 all that is needed works; 1 something does not; 2 the command was wrong."""
 
-_GIGABYTE = 1e9
-_LEAST_FREE = 1.0  # gigabytes; a run of all tasks leaves about a tenth of that
 _PROBE_SECONDS = 60.0
 _REINSTALL = "install the pinned packages again: rm -r .venv && make setup"
 
@@ -100,11 +97,33 @@ def check_mp4() -> Finding:
     return Finding(True, "mp4: written and read back (H.264)")
 
 
-def check_disk() -> Finding:
-    """Room for run folders, where they are made by default."""
-    free = shutil.disk_usage(Path.cwd()).free / _GIGABYTE
-    remedy = f"free {_LEAST_FREE:.0f} GB or more, or give another --out"
-    return Finding(free >= _LEAST_FREE, f"disk: {free:.0f} GB free in {Path.cwd()}", remedy)
+def check_needs() -> list[Finding]:
+    """Memory and disk for a run without flags, of the task that needs most of them."""
+    try:
+        import tasks
+        from launch import experiment
+        from launch.asking import request
+        from launch.folder import needs
+
+        asked = request.parse(["doctor"])
+        found = [experiment.need(asked._replace(tasks=(task,))) for task in tasks.ALL]
+    except Exception as error:
+        return [Finding(False, f"needs: {type(error).__name__}: {error}", _REINSTALL)]
+    memory, disk = max(need.memory for need in found), max(need.disk for need in found)
+    (_, free), room = needs.memory(), needs.free_disk(Path.cwd())
+    run = f"a run of {len(asked.seeds)} seeds needs up to"
+    return [
+        Finding(
+            memory <= free,
+            f"memory: {needs.told(free)} free; {run} {needs.told(memory)}",
+            "give fewer --workers",
+        ),
+        Finding(
+            disk <= room,
+            f"disk: {needs.told(room)} free in {Path.cwd()}; {run} {needs.told(disk)}",
+            "make room, give another --out, or --keep_final=false",
+        ),
+    ]
 
 
 def main(argv: Sequence[str]) -> int:
@@ -120,7 +139,7 @@ def check_all() -> int:
         check_cores,
         check_rendering,
         check_mp4,
-        check_disk,
+        check_needs,
     ]
     all_good = True
     for check in checks:

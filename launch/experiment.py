@@ -4,16 +4,15 @@ import contextlib
 import functools
 import math
 from collections import defaultdict
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import NamedTuple
-
-from rich.console import Console
 
 import hac_suite
 import tasks
 from launch.asking import settings
+from launch.asking.console import Console
 from launch.asking.request import Request
-from launch.folder import manifest
+from launch.folder import manifest, needs
 from launch.folder.agents import Agent, Job
 from launch.folder.layout import RunFolder
 from launch.jobs import checkpointing, lost_jobs, on_ray, planning, worker
@@ -39,7 +38,7 @@ class Launch(NamedTuple):
         return self.cluster.workers if self.cluster else self.request.workers or manifest.cores()
 
     def say(self, text: str) -> None:
-        self.console.print(text, soft_wrap=True)
+        self.console.say(text)
 
 
 class Seeds(NamedTuple):
@@ -50,6 +49,7 @@ class Seeds(NamedTuple):
     interrupted: Mapping[int, Standing]  # they go on from their checkpoints
     new: tuple[int, ...]  # they start from nothing
     again: tuple[int, ...]  # of the new: those that have a policy, but not all of their rows
+    warnings: Sequence[str]
 
     def missing(self, request: Request) -> dict[int, Standing]:
         """Where each seed begins that is to be trained, in the order that they were asked for."""
@@ -78,12 +78,16 @@ def run(request: Request, command: Sequence[str], *, work=worker.train_job) -> i
         launch = Launch(request, folders, Console(), stop, cluster)
         there = [folder for folder in folders.values() if folder.path.exists()]
         _lock(there, held)
-        found = _interrupted(launch, there)  # what is refused is refused before a folder is made
+        # What is refused is refused before a folder is made.
+        standing = _standing(launch, _interrupted(launch, there))
+        jobs = _jobs(launch, standing)
+        doubts = [*_other_code(launch, standing), *_doubts(launch, jobs)]
         _lock([folder for folder in folders.values() if folder not in there], held)
-        for line in (*_notes(request), *_short(request)):
+        for line in (*_notes(request), *_short(request), *doubts):
             launch.say(line)
         recorder = _recorder(launch, command)
-        _train(launch, recorder, _prepare(launch, recorder, found), work)
+        _prepare(launch, recorder, standing)
+        _train(launch, recorder, jobs, work)
         if stop.number is None:
             summary.present(folders.values(), request, launch.console, stop)
         recorder.close(stopped=stop.number is not None)
@@ -190,28 +194,90 @@ def _manifest(folder: RunFolder, request: Request) -> manifest.Manifest:
     return found
 
 
-def _prepare(
-    launch: Launch, recorder: Recorder, found: Mapping[Agent, checkpointing.Interrupted]
-) -> list[Job]:
-    """Says where all seeds stand, and readies the folders; returns the jobs that are left."""
-    request = launch.request
+def _standing(launch: Launch, found: Mapping[Agent, checkpointing.Interrupted]) -> list[Seeds]:
+    """Where the seeds of every agent stand that is asked for."""
+    nothing = checkpointing.Interrupted({}, [])
+    return [
+        _seeds(folder, agent, launch.request, found.get(agent, nothing))
+        for task, folder in launch.folders.items()
+        for agent in (Agent(task, layers) for layers in launch.request.subgoal_layers)
+    ]
+
+
+def _jobs(launch: Launch, standing: Iterable[Seeds]) -> list[Job]:
+    """The jobs that are left."""
     missing = defaultdict[planning.Group, list[int]](list)
-    for task, folder in launch.folders.items():
-        runs = {}
-        for layers in request.subgoal_layers:
-            agent = Agent(task, layers)
-            interrupted = found.get(agent, checkpointing.Interrupted({}, []))
-            seeds = _seeds(folder, agent, request, interrupted.standings)
-            for line in (*interrupted.warnings, *_said(seeds, request)):
-                launch.say(line)
-            if not request.keep_final:
-                folder.drop_checkpoints((layers, seed) for seed in seeds.finished)
-            for seed, standing in seeds.missing(request).items():
-                runs[layers, seed] = standing.rows
-                missing[planning.Group(agent, standing.train_episodes)].append(seed)
-        recorder.prepare(task, runs)
+    for seeds in standing:
+        for seed, begins in seeds.missing(launch.request).items():
+            missing[planning.Group(seeds.agent, begins.train_episodes)].append(seed)
     groups = {group: tuple(seeds) for group, seeds in missing.items()}
-    return planning.plan(groups, launch.workers, _episodes(request))
+    return planning.plan(groups, launch.workers, _episodes(launch.request))
+
+
+def _other_code(launch: Launch, standing: Iterable[Seeds]) -> Iterator[str]:
+    """Warns of runs that other code began than is to go on with them."""
+    now = manifest.commit()
+    for task in sorted({seeds.agent.task for seeds in standing if seeds.interrupted}):
+        then = (manifest.read(launch.folders[task].manifest) or {}).get("commit")
+        if then and now and then != now:
+            yield (
+                f"warning: {task}: commit {then} began what {now} goes on with; the rest may "
+                "differ from what that would have given (the manifest has both)"
+            )
+
+
+def _doubts(launch: Launch, jobs: Sequence[Job]) -> list[str]:
+    """What a person should know before jobs begin that may lack memory or disk.
+
+    Raises:
+      CommandError: they cannot but lack it.
+    """
+    return needs.doubts(
+        jobs,
+        launch.workers,
+        _seed_bytes(launch.request),
+        launch.request.out,
+        kept=sum(folder.checkpoint_bytes() for folder in launch.folders.values()),
+        keep_final=launch.request.keep_final,
+        here=launch.cluster is None,
+    )
+
+
+def need(request: Request) -> needs.Need:
+    """What all that a request asks for takes on this machine, from the start to the end."""
+    agents = [Agent(task, layers) for task in request.tasks for layers in request.subgoal_layers]
+    workers = request.workers or manifest.cores()
+    groups = {planning.Group(agent): request.seeds for agent in agents}
+    jobs = planning.plan(groups, workers, _episodes(request))
+    return needs.of_jobs(jobs, workers, _seed_bytes(request), keep_final=request.keep_final)
+
+
+def _seed_bytes(request: Request) -> Callable[[Job], int]:
+    """What says of a job how large each of its seeds is in the end."""
+
+    def seed_bytes(job: Job) -> int:
+        spec, layers = tasks.spec(job.agent.task), job.agent.subgoal_layers
+        attempts = hac_suite.horizons(spec.max_steps, layers, {**spec.horizons, **request.attempts})
+        return needs.of_seed(
+            spec, attempts, request.config, max_steps=spec.max_steps, episodes=job.stop
+        )
+
+    return seed_bytes
+
+
+def _prepare(launch: Launch, recorder: Recorder, standing: Iterable[Seeds]) -> None:
+    """Says where all seeds stand, and readies the folders."""
+    runs: dict[str, dict[tuple[int, int], list]] = {task: {} for task in launch.folders}
+    for seeds in standing:
+        task, layers = seeds.agent
+        for line in (*seeds.warnings, *_said(seeds, launch.request)):
+            launch.say(line)
+        if not launch.request.keep_final:
+            launch.folders[task].drop_checkpoints((layers, seed) for seed in seeds.finished)
+        for seed, begins in seeds.missing(launch.request).items():
+            runs[task][layers, seed] = begins.rows
+    for task, own in runs.items():
+        recorder.prepare(task, own)
 
 
 def _episodes(request: Request) -> int:
@@ -219,9 +285,9 @@ def _episodes(request: Request) -> int:
 
 
 def _seeds(
-    folder: RunFolder, agent: Agent, request: Request, standings: Mapping[int, Standing]
+    folder: RunFolder, agent: Agent, request: Request, interrupted: checkpointing.Interrupted
 ) -> Seeds:
-    finished = folder.finished(agent, request.periods)
+    finished, standings = folder.finished(agent, request.periods), interrupted.standings
     new = [seed for seed in request.seeds if seed not in finished and seed not in standings]
     return Seeds(
         agent,
@@ -229,6 +295,7 @@ def _seeds(
         interrupted=standings,
         new=tuple(new),
         again=tuple(seed for seed in new if folder.has_policy(agent.subgoal_layers, seed)),
+        warnings=interrupted.warnings,
     )
 
 
@@ -296,7 +363,7 @@ def _kept(folder: RunFolder) -> Iterator[str]:
     size = folder.checkpoint_bytes()
     if size:
         yield (
-            f"{folder.checkpoints}: {size / 1e6:,.0f} MB, from which more --periods train on; "
+            f"{folder.checkpoints}: {needs.told(size)}, from which more --periods train on; "
             "--keep_final=false goes without"
         )
 
@@ -311,11 +378,10 @@ def _conclude(launch: Launch, recorder: Recorder) -> int:
         for line in _kept(folder):
             launch.say(line)
     for job, reason in recorder.failures.items():
-        launch.console.print(
+        launch.console.say(
             f"failed: {job.agent}, seeds {', '.join(map(str, job.seeds))}: {reason}\n"
             f"  see {launch.folders[job.agent.task].failure(job)}",
             style="red",
-            soft_wrap=True,
         )
     if recorder.failures:
         launch.say("the same command tries again what failed, and only that")

@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from absl import flags
-from rich.console import Console
 from rich.table import Table
 
 if __name__ == "__main__":
@@ -25,6 +24,7 @@ from analysis.program import CommandError
 from analysis.reading import names, paper
 from hac_suite.algorithm import exploration
 from launch.asking import lists, settings
+from launch.asking.console import Console
 from launch.folder import policies
 
 _HELP = """Plays test episodes of trained policies on after the goal, to their last step.

@@ -6,8 +6,6 @@ from pathlib import Path
 from typing import NamedTuple
 
 from absl import flags
-from rich.console import Console
-from rich.markup import escape
 from rich.table import Table
 
 if __name__ == "__main__":
@@ -26,6 +24,7 @@ from analysis.program import CommandError
 from analysis.reading.files import write_text
 from hac_suite.types import level_specs
 from launch.asking import lists
+from launch.asking.console import Console
 from tasks.worlds import estimates, seen
 from tasks.worlds.estimates import Played
 from tasks.worlds.settings import Settings, as_toml
@@ -83,17 +82,14 @@ def _fit(values: flags.FlagValues) -> int:
         raise CommandError(f"flag --output={output}: its name ends in .toml, and is no task's")
     console = Console()
     for note in task.notes:
-        console.print(f"note: {note}", markup=False, soft_wrap=True)
+        console.say(f"note: {note}")
     found = fit(task, values.train_episodes)
     names = task.about.goal_names, task.about.subgoal_names
     output.parent.mkdir(parents=True, exist_ok=True)
     write_text(output, as_toml(found.settings, task.word, str(output), names))
     show(task, found, console)
-    console.print(
-        f"\n{output}: edit what you know better, then\n  python launch/run.py --task={output}",
-        markup=False,
-        highlight=False,
-        soft_wrap=True,
+    console.say(
+        f"\n{output}: edit what you know better, then\n  python launch/run.py --task={output}"
     )
     return 0
 
@@ -145,9 +141,9 @@ def show(task: tasks.Unfitted, found: Fit, console: Console) -> None:
     """Prints what was seen and what follows from it, and warnings."""
     console.print(_settings_table(task, found.settings))
     console.print(_episodes_table(found))
-    console.print(_lines(task, found.settings), markup=False, highlight=False, soft_wrap=True)
+    console.say(_lines(task, found.settings))
     for warning in found.warnings:
-        console.print(f"[yellow]warning:[/yellow] {escape(warning)}", soft_wrap=True)
+        console.say(f"warning: {warning}", style="yellow")
 
 
 def _settings_table(task: tasks.Unfitted, settings: Settings) -> Table:
@@ -164,13 +160,13 @@ def _settings_table(task: tasks.Unfitted, settings: Settings) -> Table:
             if own:
                 chosen = (own.low[i], own.high[i], own.threshold[i])
                 cells.append(" ".join(map(_number, chosen)))
-            table.add_row(space, escape(name), *cells)
+            table.add_row(space, name, *cells)
     pairs = list(zip(settings.observation_offset, settings.observation_scale, strict=True))
     for i, (offset, scale) in enumerate(pairs[:_SHOWN]):
         name = task.own.observation_names[i] if task.own else f"obs[{i}]"
         low, high = _number(offset - scale), _number(offset + scale)
         own_scale = [_number(task.own.observation_scale[i])] if task.own else []
-        table.add_row("observation", escape(name), low, high, "", *own_scale)
+        table.add_row("observation", name, low, high, "", *own_scale)
     if len(pairs) > _SHOWN:
         table.add_row("observation", f"and {len(pairs) - _SHOWN} more in the file", "", "", "")
     return table

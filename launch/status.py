@@ -6,13 +6,13 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from absl import flags
-from rich.console import Console
 from rich.table import Table
 
 if __name__ == "__main__":
     sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from analysis import program
+from launch.asking.console import Console
 from launch.folder import states
 from launch.folder.layout import RunFolder
 from launch.folder.states import FolderState, RunState
@@ -52,11 +52,11 @@ def _show(path: Path) -> None:
 
 def show(path: Path, state: FolderState, console: Console) -> None:
     """Prints the state of the run folder at `path`."""
-    console.print(f"{path}: {_headline(state)}", highlight=False, soft_wrap=True, markup=False)
+    console.say(f"{path}: {_headline(state)}")
     if state.runs:
         console.print(_table(state))
     for line in (*_failures(path, state), *_going_on(state)):
-        console.print(line, highlight=False, soft_wrap=True, markup=False)
+        console.say(line)
 
 
 def _headline(state: FolderState) -> str:

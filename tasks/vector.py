@@ -11,6 +11,7 @@ from dm_control.rl import control
 
 from tasks import base
 
+_MOST_ENVS = 100_000  # at a time; each has a simulation of its own
 _SEEDS = 2**32  # seeds lie in [0, 2**32)
 _NOT_FINITE = "environment {env}: {error}"
 
@@ -41,6 +42,12 @@ class _Simulation(NamedTuple):
     data: mujoco.MjData
 
 
+def check_number(num_envs: int) -> None:
+    """Raises ValueError for a number of environments that there cannot be."""
+    if not 1 <= num_envs <= _MOST_ENVS:
+        raise ValueError(f"num_envs must be from 1 to {_MOST_ENVS}, got {num_envs}")
+
+
 class VectorEnv:
     """N environments that share one compiled model.
 
@@ -52,10 +59,9 @@ class VectorEnv:
         """Takes over a Composer environment of the task; `tasks.load_vector` makes one.
 
         Raises:
-          ValueError: `num_envs` is below 1.
+          ValueError: `num_envs` is below 1, or more than anybody means.
         """
-        if num_envs < 1:
-            raise ValueError(f"num_envs must be at least 1, got {num_envs}")
+        check_number(num_envs)
         self.name = name
         self.num_envs = num_envs
         # The Composer environment is kept: its physics prepares every reset and renders.
@@ -104,8 +110,9 @@ class VectorEnv:
           test: whether to begin from the test starts rather than the training starts.
 
         Raises:
-          ValueError: a seed out of range, or an argument of the wrong shape.
+          ValueError: a seed out of range, an argument of the wrong shape, or a closed environment.
         """
+        self._check_open()
         chosen = self._chosen(mask)
         if seeds is None:
             seeds = self._seeds.randint(0, _SEEDS, size=self.num_envs, dtype=np.int64)
@@ -115,6 +122,10 @@ class VectorEnv:
         for i in chosen.tolist():
             self._reset_one(i, int(seeds[i]), test)
         return self._view()
+
+    def _check_open(self) -> None:
+        if self._closed:
+            raise ValueError(f"this environment of {self.name} is closed; make another")
 
     def _reset_one(self, i: int, seed: int, test: bool) -> None:
         """Prepares an episode in Composer's physics, as Composer would, and copies it over."""
@@ -141,8 +152,9 @@ class VectorEnv:
 
         Raises:
           ValueError: an action of a stepped environment is not finite (the message names the
-            environment and the action), or an argument has the wrong shape.
+            environment and the action), an argument has the wrong shape, or it is closed.
         """
+        self._check_open()
         chosen = self._chosen(mask)
         chosen = chosen[~self._diverged[chosen]]
         actions = np.asarray(actions, dtype=np.float64)
@@ -247,6 +259,7 @@ class VectorEnv:
         self, i: int, *, camera: int | str = 0, height: int = 480, width: int = 640
     ) -> np.ndarray:
         """Returns a picture of environment i, uint8 [height, width, 3], without disturbing it."""
+        self._check_open()
         mujoco.mj_copyData(self._physics.data.ptr, self._model, self._data[i])
         mujoco.mj_kinematics(self._model, self._physics.data.ptr)
         mujoco.mj_camlight(self._model, self._physics.data.ptr)

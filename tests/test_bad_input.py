@@ -13,7 +13,6 @@ import safetensors.torch
 import torch
 from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
-from rich.console import Console
 
 import hac_suite
 import tasks
@@ -22,6 +21,7 @@ from analysis.reading.results import load
 from hac_suite.learning.networks import StackedMLP
 from launch import play, status
 from launch.asking import lists, request
+from launch.asking.console import Console
 from launch.asking.settings import field_names
 from launch.folder import policies, results, states
 from launch.folder.agents import Agent, Job

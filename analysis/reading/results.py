@@ -11,9 +11,10 @@ from typing import Any, NamedTuple
 import numpy as np
 import pandas as pd
 
-from analysis.reading import names, paper, schema
+from analysis.reading import files, names, paper, schema
 
 _LARGEST_WHOLE = 2**53
+_MOST_BYTES = 2**31  # several million rows
 _SHARES = {
     schema.level_column(level, field)
     for level in range(schema.MAX_LEVELS)
@@ -93,7 +94,7 @@ def read_lines(path: Path) -> Lines:
       ValueError: it is no such table; the message names the file, and the line of a damaged one.
     """
     try:
-        text = path.read_text(encoding="utf-8")
+        text = files.read_text(path, _MOST_BYTES)
         # Even with all its commas, a cut line's last number may have lost digits.
         whole = text[: text.rfind("\n") + 1]
         reader = csv.reader(io.StringIO(whole), strict=True)
@@ -170,10 +171,10 @@ def _check_unique(results: pd.DataFrame) -> None:
 def read_manifest(folder: Path) -> tuple[dict[str, Any], str]:
     """A run folder's manifest, or {} and what is wrong: results are worth reading without one."""
     try:
-        manifest = json.loads((folder / names.MANIFEST).read_text(encoding="utf-8"))
+        manifest = json.loads(files.read_text(folder / names.MANIFEST))
     except FileNotFoundError:
         return {}, "No manifest.json here: the command is what the results ask for."
-    except (OSError, ValueError) as error:
+    except (OSError, RecursionError, ValueError) as error:
         return {}, f"manifest.json cannot be read: {error}"
     if not isinstance(manifest, dict):
         return {}, "manifest.json is not a run folder's manifest."

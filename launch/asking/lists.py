@@ -8,12 +8,13 @@ from typing import Any
 from absl import flags
 
 import tasks
-from analysis.program import MOST, CommandError
+from analysis.program import CommandError
 from analysis.reading import schema
 
 ANY_TASK = (
     f"{', '.join(tasks.ALL)}, path/to/file.py:name, gym:ID, gym:module:ID, or a .toml of fit.py"
 )
+_MOST_SEEDS = 10_000
 _WORLD_FLAGS = (
     "task_args", "goal", "subgoal", "goal_threshold", "max_steps", "train_options", "test_options"
 )  # fmt: skip
@@ -144,8 +145,10 @@ def seeds(word: str) -> tuple[int, ...]:
     if re.fullmatch(r"\s*\d+\s*", word):
         spans = [(0, spans[0][0] - 1)]
     count = sum(last - first + 1 for first, last in spans)
-    if not 1 <= count <= MOST:
-        raise CommandError(f"flag --seeds={word}: that is {count} seeds; it takes 1 to {MOST}")
+    if not 1 <= count <= _MOST_SEEDS:
+        raise CommandError(
+            f"flag --seeds={word}: that is {count} seeds; it takes 1 to {_MOST_SEEDS}"
+        )
     found = [seed for first, last in spans for seed in range(first, last + 1)]
     if len(set(found)) < count:
         raise CommandError(f"flag --seeds={word}: a seed is there twice")

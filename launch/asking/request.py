@@ -83,9 +83,22 @@ def read(values: flags.FlagValues, argv: Sequence[str], config: Path = DEFAULT_C
         settings_given = values.config
     except (program.CommandError, program.HelpRequested):
         raise
-    except Exception as error:  # a config file is code: it can raise anything
-        raise program.CommandError(f"config: {error}".splitlines()[0]) from error
+    except (Exception, SystemExit) as error:  # a config file is code: it can do anything
+        raise program.CommandError(_of_config(error)) from error
+    if not isinstance(settings_given, ConfigDict):
+        raise program.CommandError(
+            f"config: get_config() gave {repr(settings_given)[:60]}, not a ConfigDict; see "
+            "launch/configs/suite.py"
+        )
     return _request(values, settings_given)
+
+
+def _of_config(error: BaseException) -> str:
+    """One line of what a config file, or a learner's, did instead of giving what it is to give."""
+    if isinstance(error, SystemExit):
+        return f"config: its file ends the program ({error})"
+    lines = str(error).splitlines() or [""]
+    return f"config: {lines[0]}" if lines[0].strip() else f"config: {type(error).__name__}"
 
 
 def help_text() -> str:
@@ -116,7 +129,12 @@ def define_flags() -> flags.FlagValues:
     program.define_count(values, "periods", 10, "test periods after the untrained one", least=1)
     flags.DEFINE_string("out", "runs", "where the run folders go", values)
     program.define_count(
-        values, "workers", 0, "processes that train at a time; 0: one for each core", least=0
+        values,
+        "workers",
+        0,
+        "processes that train at a time; 0: one for each core",
+        least=0,
+        most=1000,
     )
     flags.DEFINE_enum(
         "executor",
@@ -214,8 +232,8 @@ def _learner(word: str) -> type[Learner]:
     """Raises CommandError where it is a class of one's own that cannot be loaded."""
     try:
         return learners.find(word)
-    except Exception as error:  # a file of one's own is code: it can raise anything
-        raise program.CommandError(f"config: {error}".splitlines()[0]) from error
+    except (Exception, SystemExit) as error:  # a file of one's own is code: it can do anything
+        raise program.CommandError(_of_config(error)) from error
 
 
 def _device(word: str, on_gpu: bool) -> str:

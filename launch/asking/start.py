@@ -3,6 +3,7 @@
 import contextlib
 import os
 import subprocess
+import sys
 import threading
 from collections.abc import Iterator, Mapping, Sequence
 from typing import IO
@@ -12,8 +13,23 @@ Stream = int | IO[str]  # where a child writes to: as `subprocess.Popen` has it
 _PARENT = "HAC_SUITE_PARENT"  # names the pipe whose other end the parent holds
 
 
+def standard_streams() -> None:
+    """Puts something in the place of standard streams that are closed.
+
+    The next file that is opened would else be the standard error, and get what is printed there.
+    """
+    for stream in range(3):
+        try:
+            os.fstat(stream)
+        except OSError:
+            os.open(os.devnull, os.O_RDWR)  # takes the lowest number that is free
+    sys.stdout = sys.stdout or open(1, "w", closefd=False)  # noqa: SIM115  (for as long as we live)
+    sys.stderr = sys.stderr or open(2, "w", closefd=False)  # noqa: SIM115
+
+
 def without_display() -> None:
     """For programs that load tasks: what renders does so in a process of its own."""
+    standard_streams()
     os.environ["MUJOCO_GL"] = "disabled"
 
 

@@ -1,14 +1,10 @@
 """A task's run folder: its layout, its lock, and which seeds are finished in it."""
 
 import contextlib
-import fcntl
 import glob
 import itertools
-import json
-import os
 import shutil
 import sys
-import time
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -17,7 +13,7 @@ from analysis.program import CommandError
 from analysis.reading import names
 from analysis.reading.files import leftovers
 from hac_suite import policy_files
-from launch.folder import policies, results
+from launch.folder import lock, policies, results
 from launch.folder.agents import Agent, Job
 
 
@@ -39,6 +35,7 @@ class RunFolder:
         if task in ("", ".", "..") or "\0" in task or Path(task).name != task:
             raise CommandError(f"{task!r} cannot name a run folder")
         self.task = task
+        self._lock: lock.Lock | None = None
         self.path = Path(out) / task
         self.results = self.path / names.RESULTS
         self.manifest = self.path / names.MANIFEST
@@ -92,29 +89,18 @@ class RunFolder:
         """
         try:
             self.path.mkdir(parents=True, exist_ok=True)
-            file = (self.path / ".lock").open("a+", encoding="utf-8")
         except OSError as error:
             raise CommandError(f"cannot write to {self.path}: {error.strerror}") from error
-        with file:
+        with lock.held(self.path) as self._lock:
             try:
-                # The system drops this lock with the process, however that ends.
-                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except OSError as error:
-                raise CommandError(self._held_message(file)) from error
-            file.truncate(0)
-            holder = {"pid": os.getpid(), "since": time.strftime("%Y-%m-%d %H:%M:%S")}
-            json.dump(holder, file)
-            file.flush()
-            yield
+                yield
+            finally:
+                self._lock = None
 
-    def _held_message(self, file) -> str:
-        file.seek(0)
-        try:
-            holder = json.load(file)
-            who = f"process {holder['pid']}, started {holder['since']}"
-        except (ValueError, KeyError):
-            who = "another process"
-        return f"{self.path} is in use by {who}; wait for it, or give another --out"
+    def check_ours(self) -> None:
+        """Raises lock.FolderTaken where this is not the folder any more that `lock` locked."""
+        if self._lock is not None:
+            self._lock.check()
 
     def finished(self, agent: Agent, periods: int) -> set[int]:
         """Seeds whose test periods 0 to `periods` and last policy are all here."""

@@ -7,16 +7,17 @@ import os
 import platform
 import subprocess
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from analysis.program import CommandError
-from analysis.reading.files import write_text
+from analysis.reading.files import read_text, write_text
 from hac_suite.config import completed
 
 Manifest = dict[str, Any]
 
+_MOST = 10**9  # of anything that is counted here
 _ROOT = Path(__file__).resolve().parents[2]
 _PACKAGES = ("dm-control", "gymnasium", "mujoco", "numpy", "pandas", "scipy", "torch")
 _DIFFERS = (
@@ -75,12 +76,50 @@ def read(path: Path) -> Manifest | None:
     if not path.exists():
         return None
     try:
-        manifest = json.loads(path.read_text(encoding="utf-8"))
+        manifest = json.loads(read_text(path))
     except (OSError, ValueError, RecursionError) as error:
         raise CommandError(f"{path} cannot be read ({error}); move the folder away") from error
     if not isinstance(manifest, dict) or not new("", 0, {}).keys() <= manifest.keys():
         raise CommandError(f"{path} is not a run folder's manifest; move the folder away")
+    for name, (wanted, holds) in _FIELDS.items():
+        if not holds(manifest[name]):
+            raise CommandError(
+                f"{path}: {name} is {str(manifest[name])[:40]}, not {wanted}; mend it, or move the "
+                "folder away"
+            )
     return manifest
+
+
+def _is_object(value: Any) -> bool:
+    return isinstance(value, dict)
+
+
+def _are_objects(value: Any) -> bool:
+    return isinstance(value, list) and all(map(_is_object, value))
+
+
+def _is_count(value: Any) -> bool:
+    return type(value) is int and 0 < value < _MOST
+
+
+def _are_horizons(value: Any) -> bool:
+    return _is_object(value) and all(
+        isinstance(attempts, list)
+        and all(map(_is_count, attempts))
+        and layers == str(len(attempts) - 1)
+        for layers, attempts in value.items()
+    )
+
+
+# What a manifest's fields must be for anyone to work with them; others are shown, and no more.
+_FIELDS: dict[str, tuple[str, Callable[[Any], bool]]] = {
+    "task": ("a name", lambda value: isinstance(value, str)),
+    "max_steps": ("a count", _is_count),
+    "horizons": ("lists of counts by number of subgoal layers", _are_horizons),
+    "config": ("an object of hyperparameters", _is_object),
+    "jobs": ("a list of objects", _are_objects),
+    "earlier_launches": ("a list of objects", _are_objects),
+}
 
 
 def write(path: Path, manifest: Manifest) -> None:

@@ -5,7 +5,7 @@ import io
 import os
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 from analysis.program import CommandError
 from analysis.reading.files import write_text
@@ -19,6 +19,11 @@ from analysis.reading.schema import (
 )
 
 Row = dict[str, str]
+
+
+class Changed(OSError):
+    """Somebody changed the file while a launch was at work on it."""
+
 
 _MOST_DIGITS = 15  # Python does not read numbers of thousands of digits
 _WHOLE_NUMBERS = ("subgoal_layers", "seed", "period")  # what says which runs are finished
@@ -74,15 +79,25 @@ def append(path: Path, rows: Sequence[Mapping[str, Any]]) -> None:
 
     Raises:
       ValueError: a row has a column that the file lacks, or lacks one of its own levels'.
+      Changed: somebody has removed the file or its header since it was readied.
     """
     for row in rows:
         check_columns(row)
-    with path.open("a+", encoding="utf-8", newline="") as file:
-        file.seek(0)
-        columns = next(csv.reader([file.readline()]))
-        file.write(_lines(columns, rows))
+    with path.open("rb+") as file:
+        columns = next(csv.reader([file.readline().decode("utf-8", "replace")]), [])
+        if not set(RESULTS_COLUMNS) <= set(columns):
+            raise Changed(f"{path} lost its header while a launch was at work on it")
+        added = _lines(columns, rows).encode()
+        if file.seek(0, os.SEEK_END) and not _ends_a_line(file):
+            added = b"\n" + added  # somebody's editor took it away: rows would be glued
+        file.write(added)
         file.flush()
         os.fsync(file.fileno())
+
+
+def _ends_a_line(file: IO[bytes]) -> bool:
+    file.seek(-1, os.SEEK_END)
+    return file.read(1) == b"\n"
 
 
 def check_columns(row: Mapping[str, Any], *, earlier: bool = False) -> None:

@@ -1,7 +1,5 @@
 """Where every run of a run folder stands, from the folder's files alone: done, running, failed."""
 
-import fcntl
-import json
 import math
 import re
 import statistics
@@ -11,7 +9,7 @@ from typing import Any, NamedTuple
 
 from analysis.program import CommandError
 from analysis.statistics.seeds import SAME_JOB_SECONDS
-from launch.folder import manifest, results
+from launch.folder import lock, manifest, results
 from launch.folder.agents import Agent, Job
 from launch.folder.layout import RunFolder
 
@@ -50,7 +48,7 @@ def read(path: Path) -> FolderState:
     """
     folder = RunFolder(path.absolute().parent, path.absolute().name)
     recorded = _manifest(path, folder)
-    holder = _holder(folder.path / ".lock")
+    holder = lock.holder(folder.path)
     rows: dict[tuple[int, int], list[results.Row]] = {}
     for row in results.read(folder.results)[0]:
         rows.setdefault((int(row["subgoal_layers"]), int(row["seed"])), []).append(row)
@@ -94,22 +92,6 @@ def _manifest(path: Path, folder: RunFolder) -> manifest.Manifest:
             f"{path} holds runs of {recorded['task']!r}; a run folder has the name of its task"
         )
     return recorded
-
-
-def _holder(lock: Path) -> dict[str, Any] | None:
-    """What the live launch wrote into its lock; None if no process holds it."""
-    try:
-        with lock.open(encoding="utf-8", errors="replace") as file:
-            try:
-                fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
-            except OSError:
-                holder = json.load(file)
-                return holder if isinstance(holder, dict) else {}
-    except FileNotFoundError:
-        return None
-    except ValueError:  # held, and not written to yet
-        return {}
-    return None
 
 
 def _asked(recorded: Mapping[str, Any]) -> tuple[set[tuple[int, int]], int | None]:

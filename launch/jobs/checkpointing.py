@@ -254,7 +254,9 @@ class Saver:
         if boundary.train_episodes and (self._stopping or (due and affordable)):
             self._save(boundary)
         if self._stopping:
-            raise SystemExit("stopped by a signal; the checkpoint holds all until here")
+            whole = self._writer.last == boundary.train_episodes
+            until = "here" if whole else f"episode {self._writer.last or 0}, and nothing later"
+            raise SystemExit(f"stopped by a signal; the checkpoint holds all until {until}")
 
     def _save(self, boundary: hac_suite.Boundary) -> None:
         """A checkpoint that cannot be written is no reason to stop training."""
@@ -262,10 +264,20 @@ class Saver:
         try:
             self._writer.save(boundary.states(), alone=boundary.last)
         except OSError as error:
-            if boundary.last:
-                self._warn(f"the final state could not be kept ({error}): {_WITHOUT_FINAL}")
-            elif not self._warned:
-                self._warn(f"no checkpoint could be written ({error}); training goes on")
-            self._warned = True
+            self._complain(boundary, error)
         self._saved = time.monotonic()
         self._cost = self._saved - started
+
+    def _complain(self, boundary: hac_suite.Boundary, error: OSError) -> None:
+        """Says once that there are no checkpoints, and always what that costs in the end."""
+        before = f"from episode {self._writer.last}" if self._writer.last else "from nothing"
+        if boundary.last:
+            self._warn(f"the final state could not be kept ({error}): {_WITHOUT_FINAL}")
+        elif self._stopping:
+            self._warn(
+                f"stopped at episode {boundary.train_episodes}, which could not be saved "
+                f"({error}); the same command goes on {before}"
+            )
+        elif not self._warned:
+            self._warn(f"no checkpoint could be written ({error}); training goes on")
+        self._warned = True

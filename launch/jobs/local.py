@@ -9,14 +9,15 @@ import sys
 import threading
 import time
 import traceback
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from launch.asking import start
 from launch.folder.agents import Job
-from launch.jobs.messages import Failed, Finished, Hooks, Send, Started
+from launch.jobs.messages import Failed, Finished, Hooks, Send, Started, Warned
 
 Work = Callable[[Job, Send], None]
 
@@ -71,7 +72,7 @@ def execute(
         function or a partial of one, since the processes are spawned.
       hooks: they hear Started of each job, what the job sends, and one Finished or Failed. The log
         of a job that finishes is removed.
-      stop: when set, workers are ended and no further message comes.
+      stop: when set, workers are ended. Of what they still send only warnings are passed on.
     """
     waiting, running = list(jobs), list[_Worker]()
     try:
@@ -91,7 +92,19 @@ def execute(
         for worker in running:  # all at once: each may have a checkpoint to write first
             worker.process.terminate()
         for worker in running:
-            _end(worker.process, GRACE_SECONDS)
+            for message in _last_messages(worker):
+                if isinstance(message, Warned):
+                    hooks.on_message(worker.job, message)
+            _end(worker.process, 0.0)
+
+
+def _last_messages(worker: _Worker) -> Iterator[Any]:
+    """What a worker sends that is ending: until it has ended, or its grace is over."""
+    end = time.monotonic() + GRACE_SECONDS
+    with contextlib.suppress(EOFError, OSError):
+        while (left := end - time.monotonic()) > 0 and worker.messages.poll(left):
+            yield worker.messages.recv()
+    worker.process.join(timeout=max(0.0, end - time.monotonic()))
 
 
 def messages_of(job: Job, work: Work, log: Path) -> Generator[Any, None, None]:
@@ -168,8 +181,9 @@ def _main(work: Work, job: Job, messages: Connection, log: Path) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches all; the parent ends its workers
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
     with log.open("w", encoding="utf-8") as file:
-        os.dup2(file.fileno(), sys.stdout.fileno())
-        os.dup2(file.fileno(), sys.stderr.fileno())
+        os.dup2(file.fileno(), 1)
+        os.dup2(file.fileno(), 2)
+    start.standard_streams()
     faulthandler.enable()
     threading.Thread(target=_die_with_the_parent, daemon=True).start()
     try:

@@ -8,6 +8,7 @@ from typing import NamedTuple
 from launch.folder.agents import Agent, Job
 
 _MOST_JOBS_PER_WORKER = 3
+_FINE = 64  # up to twice as many workers get plans that differ by a single piece
 _NEARLY = 1.15  # a plan with fewer jobs may end this many times later than the earliest
 
 
@@ -29,12 +30,14 @@ def plan(missing: Mapping[Group, tuple[int, ...]], workers: int, episodes: int =
     do not depend on the seeds it is trained with, so that any grouping gives the same experiment.
     """
     pieces = {group: 1 for group, seeds in missing.items() if seeds}
+    step = max(1, workers // _FINE)  # of a thousand workers, one piece more makes no difference
     plans = [_jobs(missing, pieces, episodes)]
     while len(plans[-1]) < _MOST_JOBS_PER_WORKER * workers:
         longest = max((job for job in plans[-1] if len(job.seeds) > 1), key=_cost, default=None)
         if longest is None:
             break
-        pieces[Group(longest.agent, longest.start)] += 1
+        group = Group(longest.agent, longest.start)
+        pieces[group] = min(pieces[group] + step, len(missing[group]))
         plans.append(_jobs(missing, pieces, episodes))
     busy = [jobs for jobs in plans if len(jobs) >= workers] or plans[-1:]
     ends = [makespan([job.cost for job in jobs], workers) for jobs in busy]

@@ -3,10 +3,10 @@
 import time
 from collections.abc import Iterable
 
-from rich.console import Console
 from rich.live import Live
 from rich.table import Table
 
+from launch.asking.console import Console
 from launch.folder.agents import Agent, Job
 
 _SECONDS_BETWEEN_LINES = 15.0  # where the output is a file, not a terminal
@@ -70,10 +70,8 @@ class Board:
         self._printed = time.monotonic()
         for agent in self._agents():
             name, seeds, episodes, success, left = self._cells(agent)
-            self._console.print(
-                f"{name}: {seeds} seed(s), episodes {episodes}, success {success}, {left}",
-                highlight=False,
-                soft_wrap=True,
+            self._console.say(
+                f"{name}: {seeds} seed(s), episodes {episodes}, success {success}, {left}"
             )
 
     def _table(self) -> Table:

@@ -5,12 +5,11 @@ import time
 from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
-from rich.console import Console
-
 import hac_suite
 from analysis.figures.success import write_figure
 from analysis.reading.schema import KEY
 from analysis.report.index import INDEX, write_index
+from launch.asking.console import Console
 from launch.folder import manifest, results
 from launch.folder.agents import Job
 from launch.folder.layout import RunFolder
@@ -58,9 +57,8 @@ class Recorder:
         dropped = folder.prepare(runs)
         self._recorded |= {_key(row) for row in results.read(folder.results)[0]}
         if dropped:
-            self._console.print(
-                f"warning: dropped {dropped} line(s) of {folder.results} that a kill had cut short",
-                soft_wrap=True,
+            self._console.say(
+                f"warning: dropped {dropped} line(s) of {folder.results} that a kill had cut short"
             )
         manifest.write(folder.manifest, self.manifests[task])
         if self._tensorboard:
@@ -79,9 +77,7 @@ class Recorder:
             yield
         except Exception as error:
             self._scalars.pop(task, None)
-            self._console.print(
-                f"warning: {task}: no more curves for TensorBoard: {error}", soft_wrap=True
-            )
+            self._console.say(f"warning: {task}: no more curves for TensorBoard: {error}")
 
     def receive(self, board: Board, job: Job, message: Any) -> None:
         """Records one message of a job."""
@@ -92,13 +88,11 @@ class Recorder:
         elif isinstance(message, Tested):
             self._tested(board, job, message)
         elif isinstance(message, Warned):
-            self._console.print(f"warning: {job.agent}: {message.text}", soft_wrap=True)
+            self._console.say(f"warning: {job.agent}: {message.text}")
         elif isinstance(message, SeedFailed):
             self._seed_failed(job, message)
         elif isinstance(message, WorkerLost):
-            self._console.print(
-                f"warning: {job.agent}: lost with its machine ({message.reason})", soft_wrap=True
-            )
+            self._console.say(f"warning: {job.agent}: lost with its machine ({message.reason})")
         elif isinstance(message, Finished):
             seeds = self.unfailed(job)
             board.ended(job, "done" if seeds else "failed")
@@ -139,6 +133,7 @@ class Recorder:
         rows = [row for row in rows if _key(row) not in self._recorded]
         if not rows:
             return
+        folder.check_ours()
         results.append(folder.results, rows)
         self._recorded |= {_key(row) for row in rows}
         self._outdated.add(folder.task)
@@ -201,7 +196,7 @@ class Recorder:
             try:
                 draw()
             except Exception as error:
-                self._console.print(f"warning: {path} was not refreshed: {error}", soft_wrap=True)
+                self._console.say(f"warning: {path} was not refreshed: {error}")
         self._outdated.discard(task)
         self._drawn[task] = time.monotonic()
 

@@ -4,7 +4,6 @@ import contextlib
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
-from rich.console import Console
 from rich.table import Table
 
 import tasks
@@ -15,6 +14,7 @@ from analysis.report.run_report import write_report
 from analysis.statistics.seeds import final_success
 from hac_suite import policy_files
 from launch.asking import looks
+from launch.asking.console import Console
 from launch.asking.request import Request
 from launch.folder import policies, results
 from launch.folder.agents import Agent
@@ -31,7 +31,7 @@ def present(
         try:
             scene.load()
         except scene.ViewerMissing as error:
-            console.print(f"note: no 3-D replays: {error}", soft_wrap=True, markup=False)
+            console.say(f"note: no 3-D replays: {error}")
     folders = list(folders)
     for folder in folders:
         for layers in request.subgoal_layers:
@@ -42,7 +42,7 @@ def present(
         try:
             write_report(folder.path)
         except Exception as error:  # the runs themselves are whole
-            console.print(f"warning: {folder.report} was not written: {error}", soft_wrap=True)
+            console.say(f"warning: {folder.report} was not written: {error}")
     for runs in {folder.path.parent for folder in folders}:
         with contextlib.suppress(ValueError, OSError):  # a page of links; the reports are there
             write_index(runs)
@@ -55,11 +55,11 @@ def summarise(folder: RunFolder, console: Console) -> None:
     try:
         console.print(_final_table(folder))
     except ValueError as error:  # such as a success rate that somebody edited
-        console.print(f"warning: {error}", soft_wrap=True)
+        console.say(f"warning: {error}")
     shown = (*sorted(folder.videos.glob("*.mp4")), *sorted(folder.replays.glob("*.html")))
     for path in (folder.figure, folder.report, *shown):
         if path.exists():
-            console.print(str(path), soft_wrap=True)
+            console.say(str(path))
 
 
 def _final_table(folder: RunFolder) -> Table:
@@ -80,16 +80,16 @@ def _video(folder: RunFolder, layers: int, console: Console, stop: StopSignal) -
         own = _policies(folder, layers)
         if not own or _is_current(target, own):
             return
-        console.print(f"rendering {target}", soft_wrap=True)
+        console.say(f"rendering {target}")
         shown = [policy.path for policy in policies.typical(own)]
         word = tasks.find(folder.task).word
         with looks.telling() as tell:
             notes = video.render(shown, target, stop=stop, task=word, tell=tell)
         for note in notes:
-            console.print(note, soft_wrap=True)
+            console.say(note)
     except (CommandError, video.RenderingError) as error:
         agent = Agent(folder.task, layers)
-        console.print(f"warning: no video of {agent}: {error}", soft_wrap=True)
+        console.say(f"warning: no video of {agent}: {error}")
 
 
 def _replay(folder: RunFolder, layers: int, console: Console) -> None:
@@ -104,7 +104,7 @@ def _replay(folder: RunFolder, layers: int, console: Console) -> None:
         return  # it is said once
     except Exception as error:  # the runs themselves are whole
         agent = Agent(folder.task, layers)
-        console.print(f"warning: no replay of {agent}: {error}", soft_wrap=True, markup=False)
+        console.say(f"warning: no replay of {agent}: {error}")
 
 
 def _policies(folder: RunFolder, layers: int) -> list[policies.Found]:

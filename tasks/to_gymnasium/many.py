@@ -109,11 +109,11 @@ class GoalVectorEnv(shared.Face, gymnasium.vector.VectorEnv):
         """Makes a control step with actions [N, A] in [-1, 1]; see the class for what restarts.
 
         Raises:
-          ValueError: an action is not finite.
+          ValueError: an action is not finite, or they have another shape.
         """
         fresh, playing = self._ended.copy(), ~self._ended
-        actions = np.where(fresh[:, None], 0.0, np.asarray(actions, dtype=np.float64))
-        step = self._env.step(self._natural(actions), playing)
+        natural = self._natural(actions, self.action_space.shape)
+        step = self._env.step(np.where(fresh[:, None], 0.0, natural), playing)
         if fresh.any():
             step = self._begin(fresh, self._test)
         self._steps[playing] += 1

@@ -70,9 +70,9 @@ class GoalEnv(shared.Face, gymnasium.Env):
         """Makes a control step with an action [A] in [-1, 1]; see `gymnasium.Env.step`.
 
         Raises:
-          ValueError: the action is not finite.
+          ValueError: the action is not finite, or has another shape.
         """
-        step = self._env.step(self._natural(action)[np.newaxis])
+        step = self._env.step(self._natural(action, self.action_space.shape)[np.newaxis])
         observation, info = self._observation(step), self._info(step)
         reward = self.compute_reward(
             observation["achieved_goal"], observation["desired_goal"], info

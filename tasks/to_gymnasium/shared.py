@@ -52,10 +52,13 @@ class Face:
         """What "observation" is divided by to come out about [-1, 1]: [D]."""
         return self._env.observation_scale
 
-    def _natural(self, actions: np.ndarray) -> np.ndarray:
-        """Actions [..., A] in [-1, 1] in the motors' own units."""
+    def _natural(self, actions: np.ndarray, shape: tuple[int, ...] | None) -> np.ndarray:
+        """Actions in [-1, 1] in the motors' own units; ValueError: they have another shape."""
+        actions = np.asarray(actions, dtype=np.float64)
+        if actions.shape != shape:
+            raise ValueError(f"an action has shape {shape}, got {actions.shape}")
         low, high = self._env.action_low, self._env.action_high
-        return low + 0.5 * (np.asarray(actions, dtype=np.float64) + 1.0) * (high - low)
+        return low + 0.5 * (actions + 1.0) * (high - low)
 
 
 def action_space(env: VectorEnv) -> gymnasium.spaces.Box:

@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 import gymnasium
 import numpy as np
 
+from tasks import vector
 from tasks.worlds import estimates, fitted, judging, making
 from tasks.worlds.lanes import Lane, Options, Pool, View, compute_reward, finite
 
@@ -142,8 +143,7 @@ class Adapter:
     """N copies of a world in lock step: the engine's VectorEnv but for its spaces."""
 
     def __init__(self, world: World, num_envs: int, seed: int = 0):
-        if num_envs < 1:
-            raise ValueError(f"num_envs must be at least 1, got {num_envs}")
+        vector.check_number(num_envs)
         self.num_envs, self.max_steps = num_envs, world.max_steps
         self._world, self._pool = world, world.pool
         self._lanes: list[Lane] = self._pool.lanes(num_envs)

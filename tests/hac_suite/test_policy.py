@@ -110,6 +110,26 @@ def test_tensors_of_the_wrong_shape_are_refused(policy, tmp_path):
         Policy.load(tmp_path / "p")
 
 
+@pytest.mark.parametrize("kind", [torch.float64, torch.float16, torch.int64, torch.bool])
+def test_weights_of_another_kind_are_refused(policy, tmp_path, kind):
+    policy.save(tmp_path / "p", {})
+    tensors = safetensors.torch.load_file(tmp_path / "p.safetensors")
+    changed = {name: tensor.to(kind) for name, tensor in tensors.items()}
+    safetensors.torch.save_file(changed, tmp_path / "p.safetensors")
+    message = f"weights of level 0 are {str(kind).removeprefix('torch.')}, not float32"
+    with pytest.raises(ValueError, match=message):
+        Policy.load(tmp_path / "p")
+
+
+@pytest.mark.parametrize("attempts", [10**12, 10**400, 0, -1, True, 2.0, None])
+def test_attempts_that_nobody_means_are_refused(policy, tmp_path, attempts):
+    policy.save(tmp_path / "p", {})
+    described = json.loads((tmp_path / "p.json").read_text())
+    (tmp_path / "p.json").write_text(json.dumps({**described, "horizons": [attempts, 4]}))
+    with pytest.raises(ValueError, match=r"p\.json: horizons is \["):
+        Policy.load(tmp_path / "p")
+
+
 def test_a_missing_policy_is_named(tmp_path):
     with pytest.raises(ValueError, match=r"nowhere\.json"):
         Policy.load(tmp_path / "nowhere")

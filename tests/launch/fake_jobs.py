@@ -11,7 +11,7 @@ from analysis.reading.schema import LEVEL_FIELDS, level_column
 from hac_suite import policy_files
 from launch.folder.agents import Job
 from launch.folder.layout import RunFolder
-from launch.jobs.messages import Tested
+from launch.jobs.messages import Tested, Warned
 
 
 def report_seeds(job: Job, send) -> None:
@@ -98,6 +98,21 @@ def save_when_told(job: Job, send) -> None:
         os._exit(0)
 
     signal.signal(signal.SIGTERM, save)
+    send("training")
+    time.sleep(600)
+
+
+def warn_when_told(job: Job, send) -> None:
+    """Trains until SIGTERM; then says more than a pipe holds, and that it could not save."""
+
+    def warn(*_):
+        for _ in range(2000):
+            send(hac_suite.Progress(4, 0.25))
+            send(Warned("x" * 100))
+        send(Warned("could not save"))
+        os._exit(0)
+
+    signal.signal(signal.SIGTERM, warn)
     send("training")
     time.sleep(600)
 

@@ -48,8 +48,9 @@ def tiny(monkeypatch) -> None:
 def tiny_task(monkeypatch: pytest.MonkeyPatch) -> None:
     """Puts the tiny task in place of the real one."""
     found, find = types.SimpleNamespace(name=TASK, word=TASK), tasks.find
-    found.spec = types.SimpleNamespace(max_steps=MAX_STEPS, horizons={})
     found.load_vector = functools.partial(PointEnv, max_steps=MAX_STEPS)
+    found.spec = found.load_vector(1)
+    found.spec.horizons = {}
     monkeypatch.setattr(tasks, "find", lambda word: found if word == TASK else find(word))
     monkeypatch.setattr(tasks, "spec", lambda word: tasks.find(word).spec)
     in_one_process(monkeypatch)

@@ -9,12 +9,12 @@ import threading
 import types
 
 import pytest
-from rich.console import Console
 
 from analysis.program import CommandError
 from analysis.reading.results import load
 from launch import experiment
 from launch.asking import request
+from launch.asking.console import Console
 from launch.folder import manifest, results
 from launch.folder.agents import Agent, Job
 from launch.folder.layout import RunFolder

@@ -82,7 +82,7 @@ def test_a_running_experiment_and_the_same_one_killed(tmp_path, capsys):
         [sys.executable, "-c", LAUNCH, tmp_path, *asked], cwd=ROOT, stdout=subprocess.DEVNULL
     )
     try:
-        folder, deadline = RunFolder(tmp_path, TASK), time.monotonic() + 60
+        folder, deadline = RunFolder(tmp_path, TASK), time.monotonic() + 300
         while not results.read(folder.results)[0]:
             assert process.poll() is None and time.monotonic() < deadline
             time.sleep(0.2)

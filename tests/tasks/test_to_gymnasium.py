@@ -173,6 +173,37 @@ def test_a_copy_goes_on_from_where_the_environment_stands(name, copy_of):
         np.testing.assert_array_equal(env.reset()[0]["observation"], twin.reset()[0]["observation"])
 
 
+@pytest.mark.parametrize("shape", [(), (1,), (3,), (1, 2), (2, 2), (0,)])
+def test_actions_of_another_shape_are_refused_and_not_broadcast(shape):
+    env = gymnasium.make(_IDS["ur5_reacher"]).unwrapped
+    right = env.action_space.shape
+    if shape == right:
+        pytest.skip("that is its shape")
+    env.reset(seed=0)
+    with pytest.raises(ValueError, match=re.escape(f"an action has shape {right}, got {shape}")):
+        env.step(np.zeros(shape))
+    many = gymnasium.make_vec(_IDS["ur5_reacher"], num_envs=4)
+    many.reset(seed=0)
+    with pytest.raises(ValueError, match=re.escape(f"an action has shape (4, {right[0]})")):
+        many.step(np.zeros(shape))
+
+
+def test_a_closed_environment_says_so():
+    env = gymnasium.make(_IDS["pendulum_climb"]).unwrapped
+    env.reset(seed=0)
+    env.close()
+    env.close()  # again
+    for use in (env.reset, lambda: env.step(np.zeros(1)), lambda: env._env.render(0)):
+        with pytest.raises(ValueError, match="pendulum_climb is closed; make another"):
+            use()
+
+
+@pytest.mark.parametrize("number", [0, -1, 10**9])
+def test_a_number_of_environments_that_nobody_means_is_refused_at_once(number):
+    with pytest.raises(ValueError, match=f"num_envs must be from 1 to 100000, got {number}"):
+        tasks.load_vector("pendulum_climb", number)
+
+
 def test_a_wrapped_environment_is_copied_with_its_time_limit():
     env = gymnasium.make(_IDS["pendulum_climb"], max_episode_steps=7)
     env.reset(seed=0)

@@ -336,6 +336,20 @@ def test_the_report_shows_the_commands_that_the_manifest_records(folder):
     assert expected in write_report(folder.path).read_text()
 
 
+@pytest.mark.parametrize("name", ["task", "max_steps", "horizons", "config", "jobs"])
+@pytest.mark.parametrize(
+    "value", [None, -1, 10**400, math.nan, True, [None], [[1]], {"0": None}, {"x": [1]}, [1, {}]]
+)
+def test_a_manifests_field_of_another_kind_is_named(folder, name, value):
+    recorded = manifest.new("pick_place", 400, {})
+    manifest.write(folder.manifest, {**recorded, name: value})
+    if name == "config" and isinstance(value, dict):
+        return  # what hyperparameters there are is compared, not read
+    with pytest.raises(CommandError, match=rf"manifest.json: {name} is ") as caught:
+        manifest.read(folder.manifest)
+    assert "\n" not in str(caught.value) and len(str(caught.value)) < 400
+
+
 def test_another_configuration_is_refused_naming_what_differs(tmp_path):
     old = manifest.new("pick_place", 400, {"discount": 0.98, "batch_size": 256})
     new = manifest.new("pick_place", 400, {"discount": 0.9, "batch_size": 256})

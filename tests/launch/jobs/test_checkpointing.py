@@ -192,6 +192,20 @@ def test_other_versions_are_refused_in_one_line_unless_wanted(tmp_path, tiny, mo
     assert lived("warning", "--other_versions") == 0
 
 
+def test_going_on_under_changed_code_is_warned_of_and_recorded(tmp_path, tiny, monkeypatch):
+    monkeypatch.setattr(manifest, "commit", lambda: "a1b2c3")
+    interrupted(tmp_path / "here")
+    monkeypatch.setattr(manifest, "commit", lambda: "d4e5f6+changes")
+    status, printed = live(tmp_path / "here", *WORDS)
+    (line,) = [line for line in printed.splitlines() if line.startswith("warning: ")]
+    assert status == 0 and "commit a1b2c3 began what d4e5f6+changes goes on with" in line
+    recorded = manifest.read(RunFolder(tmp_path / "here", TASK).manifest)
+    assert recorded is not None and recorded["commit"] == "d4e5f6+changes"
+    assert [launch["commit"] for launch in recorded["earlier_launches"]] == ["a1b2c3"]
+    status, printed = live(tmp_path / "here", *WORDS)  # nothing is left to go on with
+    assert status == 0 and "warning" not in printed
+
+
 def test_a_disk_that_fills_up_costs_checkpoints_and_a_warning(tmp_path, whole):
     """Files beyond a size cannot be written: the first checkpoints can, the later ones cannot."""
 
@@ -245,6 +259,33 @@ def test_a_signal_saves_at_the_next_boundary_though_nothing_is_due(tmp_path, who
     out = tmp_path / "here"
     live(out, *WORDS, first=signalled)
     assert standings(out) == dict.fromkeys(NAMES, 28)
+    assert live(out, *WORDS)[0] == 0
+    assert outcome(out) == whole
+
+
+def test_a_save_that_fails_as_the_run_is_stopped_is_told_as_it_is(tmp_path, whole):
+    def signalled_on_a_full_disk() -> None:
+        at_boundary = checkpointing.Saver.at_boundary
+
+        def handed(self, boundary):
+            if boundary.train_episodes == 28:
+                resource.setrlimit(resource.RLIMIT_FSIZE, (1000, resource.RLIM_INFINITY))
+                os.kill(os.getpid(), signal.SIGTERM)
+            try:
+                at_boundary(self, boundary)
+            except SystemExit as end:
+                print(end)
+                raise
+
+        checkpointing.Saver.at_boundary = handed  # type: ignore[method-assign]
+
+    out = tmp_path / "here"
+    _, printed = live(out, *WORDS, first=signalled_on_a_full_disk)
+    assert "stopped at episode 28, which could not be saved" in printed
+    assert "the same command goes on from episode 24" in printed
+    assert "holds all until episode 24, and nothing later" in printed
+    assert "training goes on" not in printed and "until here" not in printed
+    assert standings(out) == dict.fromkeys(NAMES, 24)
     assert live(out, *WORDS)[0] == 0
     assert outcome(out) == whole
 

@@ -13,7 +13,7 @@ import pytest
 
 from launch.folder.agents import Agent, Job
 from launch.jobs.local import StopSignal, execute
-from launch.jobs.messages import Failed, Finished, Hooks, Started
+from launch.jobs.messages import Failed, Finished, Hooks, Started, Warned
 from tests.launch import fake_jobs
 
 
@@ -74,6 +74,26 @@ def test_a_signal_ends_the_workers(tmp_path, number):
     assert time.monotonic() - start < 60
     assert jobs[1] not in messages
     assert signal.getsignal(number) == before
+
+
+def test_what_workers_warn_of_while_they_are_ended_is_heard(tmp_path):
+    heard = []
+
+    def hear(job, message) -> None:
+        heard.append(message)
+        if message == "training":
+            os.kill(os.getpid(), signal.SIGTERM)
+
+    with StopSignal() as stop:
+        execute(
+            [Job(Agent("works", 0), (0,))],
+            fake_jobs.warn_when_told,
+            Hooks(lambda job: tmp_path / "log", hear),
+            workers=1,
+            stop=stop,
+        )
+    assert heard[:2] == [Started(), "training"] and heard[-1] == Warned("could not save")
+    assert len(heard) == 2 + 2000 + 1  # warnings alone
 
 
 def test_a_second_signal_quits_at_once(tmp_path):

@@ -4,12 +4,12 @@ import io
 
 import pytest
 import torch
-from rich.console import Console
 
 import hac_suite
 from analysis.reading.results import load
 from hac_suite import checkpoint
 from hac_suite.state import SeedState
+from launch.asking.console import Console
 from launch.folder import manifest, results
 from launch.folder.agents import Agent, Job
 from launch.folder.layout import RunFolder

@@ -1,5 +1,7 @@
 """Jobs: every missing seed once, populations kept together, work spread evenly over workers."""
 
+import time
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -76,3 +78,14 @@ def test_seeds_go_on_only_with_those_that_stand_where_they_do():
     groups = {Group(agent, 900): (0, 2), Group(agent, 300): (1, 3, 4), Group(agent, 0): (5,)}
     jobs = plan(groups, workers=1, episodes=1000)
     assert [(job.seeds, job.start) for job in jobs] == [((1, 3, 4), 300), ((5,), 0), ((0, 2), 900)]
+
+
+def test_as_many_seeds_and_workers_as_there_may_be_are_planned_in_seconds():
+    seeds = tuple(range(10_000))
+    start = time.process_time()
+    jobs = plan({Group(Agent("a", layers)): seeds for layers in range(3)}, 1000)
+    assert time.process_time() - start < 10
+    assert len(jobs) >= 1000
+    for layers in range(3):
+        own = [seed for job in jobs if job.agent.subgoal_layers == layers for seed in job.seeds]
+        assert sorted(own) == list(seeds)

@@ -3,8 +3,8 @@
 import io
 
 import pytest
-from rich.console import Console
 
+from launch.asking.console import Console
 from launch.folder.agents import Agent, Job
 from launch.jobs import progress
 

@@ -23,7 +23,7 @@ from launch import doctor, play
 from launch.asking import settings, start
 from launch.drawing import pacing
 from launch.films import rendering
-from launch.folder import policies
+from launch.folder import needs, policies
 from launch.folder.layout import RunFolder
 from launch.jobs import worker
 from launch.jobs.local import StopSignal
@@ -333,11 +333,13 @@ def test_the_doctor_finds_what_rendering_needs():
 
 def test_the_doctor_names_remedies(monkeypatch, capsys):
     monkeypatch.setattr(doctor.video, "BACKENDS", ("nonsense",))
-    monkeypatch.setattr(doctor, "_LEAST_FREE", 1e9)
+    monkeypatch.setattr(needs, "free_disk", lambda path: 1000)
+    monkeypatch.setattr(needs, "memory", lambda: (1000, 1000))
     assert doctor.main(["launch/doctor.py"]) == 1
     printed = capsys.readouterr().out
     assert "FAIL rendering with nonsense" in printed and "remedy: for rendering" in printed
-    assert "FAIL disk" in printed and "remedy: free" in printed
+    assert "FAIL disk" in printed and "remedy: make room" in printed
+    assert "FAIL memory" in printed and "remedy: give fewer --workers" in printed
 
 
 def test_scripts_run_from_anywhere(tmp_path):

@@ -1,0 +1,165 @@
+"""What a training needs of memory and disk, reckoned before it begins, and what a machine has."""
+
+import heapq
+import itertools
+import os
+import shutil
+from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import hac_suite
+from analysis.program import CommandError
+from hac_suite.types import Spaces, level_specs
+from launch.folder.agents import Job
+
+PROCESS = 400_000_000  # bytes that a worker takes whatever it trains: Python, torch, MuJoCo
+_TABLES = 9  # of a level's size: two networks, their targets and moments, the tested actor
+_NUMBER = 4  # bytes
+_NO_MEMORY = (
+    "{who}: one seed needs {need} of memory, and this machine has {total}; make "
+    "--config.replay_capacity or --config.hidden_sizes smaller"
+)
+_NO_DISK = (
+    "{who}: the checkpoints of one seed need {need} of disk, and {out} has {free} free; make room, "
+    "give another --out, or make --config.replay_capacity smaller"
+)
+_LITTLE_MEMORY = (
+    "warning: up to {need} of memory are needed, and {free} are free; fewer --workers need less"
+)
+_LITTLE_DISK = (
+    "warning: up to {need} of disk are needed for checkpoints, and {out} has {free} free; what does"
+    " not fit is not saved: make room, or give another --out; --keep_final=false needs less"
+)
+_MEMORY_LIMITS = (
+    ("/sys/fs/cgroup/memory.max", "/sys/fs/cgroup/memory.current"),
+    ("/sys/fs/cgroup/memory/memory.limit_in_bytes", "/sys/fs/cgroup/memory/memory.usage_in_bytes"),
+)
+
+
+class Need(NamedTuple):
+    """Bytes that a launch takes at most."""
+
+    memory: int  # of all workers at a time
+    disk: int  # of its checkpoints
+
+
+def of_seed(
+    spaces: Spaces,
+    horizons: tuple[int, ...],
+    config: hac_suite.Config,
+    *,
+    max_steps: int,
+    episodes: int,
+) -> int:
+    """Bytes of one seed's state after these episodes: in memory, and in a checkpoint.
+
+    An upper bound: a replay buffer holds no more than its capacity, and no more than every control
+    step would give it were each an attempt.
+    """
+    most = episodes * max_steps * (2 + config.hindsight_goals)
+    rows, size = min(config.replay_capacity, most), 0
+    for level in level_specs(spaces, horizons):
+        block = level.action_dim + level.observation_dim + level.goal_space.dim + 1
+        layers = itertools.pairwise((block, *config.hidden_sizes, level.action_dim))
+        networks = _TABLES * sum((inputs + 1) * outputs for inputs, outputs in layers)
+        size += _NUMBER * (rows * 2 * (block + 1) + networks)
+    return size
+
+
+def of_jobs(
+    jobs: Sequence[Job], workers: int, seed_bytes: Callable[[Job], int], *, keep_final: bool
+) -> Need:
+    """What jobs need that so many workers take at a time.
+
+    While one is written there are three checkpoints of a seed in training.
+    """
+    sizes = {job: (len(job.seeds), seed_bytes(job)) for job in jobs}
+    # Of a seed that is saved there is a copy in memory.
+    memory = _most(workers, (PROCESS + (seeds + 1) * size for seeds, size in sizes.values()))
+    training = _most(workers, (seeds * size for seeds, size in sizes.values()))
+    kept = sum(seeds * size for seeds, size in sizes.values()) if keep_final else training
+    return Need(memory, kept + 2 * training)
+
+
+def doubts(
+    jobs: Sequence[Job],
+    workers: int,
+    seed_bytes: Callable[[Job], int],
+    out: Path,
+    *,
+    kept: int,
+    keep_final: bool,
+    here: bool,
+) -> list[str]:
+    """What a person should know before jobs begin: that they may need more than there is.
+
+    Args:
+      kept: bytes of checkpoints that are there already, and are replaced.
+      here: whether they are trained on this machine.
+
+    Raises:
+      CommandError: there is not enough for one seed.
+    """
+    if not jobs:
+        return []
+    need, largest = (
+        of_jobs(jobs, workers, seed_bytes, keep_final=keep_final),
+        max(jobs, key=seed_bytes),
+    )
+    one, (total, free), disk = seed_bytes(largest), memory(), free_disk(out) + kept
+    if here and PROCESS + 2 * one > total:
+        raise CommandError(
+            _NO_MEMORY.format(who=largest.agent, need=told(PROCESS + 2 * one), total=told(total))
+        )
+    if 2 * one > disk:
+        raise CommandError(
+            _NO_DISK.format(who=largest.agent, need=told(2 * one), out=out, free=told(disk))
+        )
+    lines = []
+    if here and need.memory > free:
+        lines.append(_LITTLE_MEMORY.format(need=told(need.memory), free=told(free)))
+    if need.disk > disk:
+        lines.append(_LITTLE_DISK.format(need=told(need.disk), out=out, free=told(disk)))
+    return lines
+
+
+def _most(count: int, sizes: Iterable[int]) -> int:
+    return sum(heapq.nlargest(count, sizes))
+
+
+def free_disk(path: Path) -> int:
+    """Bytes that can be written at a path, of which only the first folders may be there."""
+    there = next(
+        folder for folder in (path.absolute(), *path.absolute().parents) if folder.exists()
+    )
+    return shutil.disk_usage(there).free
+
+
+def memory() -> tuple[int, int]:
+    """Bytes of memory that this machine has, and that are free; a container may have less."""
+    page = os.sysconf("SC_PAGE_SIZE")
+    total = page * os.sysconf("SC_PHYS_PAGES")
+    free = page * os.sysconf("SC_AVPHYS_PAGES") if "SC_AVPHYS_PAGES" in os.sysconf_names else total
+    for line in _text("/proc/meminfo").splitlines():
+        if line.startswith("MemAvailable:"):  # that is what is free and what can be freed
+            free = 1024 * int(line.split()[1])
+    for limit_file, used_file in _MEMORY_LIMITS:
+        limit, used = _text(limit_file).strip(), _text(used_file).strip()
+        if limit.isdigit() and used.isdigit() and int(limit) < total:
+            total, free = int(limit), min(free, int(limit) - int(used))
+    return total, free
+
+
+def _text(file: str) -> str:
+    try:
+        return Path(file).read_text(encoding="utf-8")
+    except OSError:
+        return ""
+
+
+def told(size: float) -> str:
+    """As in `1.2 GB`, `34 MB` or `5 kB`."""
+    if size >= 1e9:
+        return f"{size / 1e9:,.1f} GB"
+    return f"{size / 1e6:.0f} MB" if size >= 1e6 else f"{size / 1e3:.0f} kB"
