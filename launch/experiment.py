@@ -281,6 +281,7 @@ def _plan(task: str, request: Request, recorder: Recorder) -> worker.Plan:
         horizons={layers: tuple(horizons[str(layers)]) for layers in request.subgoal_layers},
         periods=request.periods,
         device=request.device,
+        kept=request.keep_policies,
     )
 
 

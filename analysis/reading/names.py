@@ -11,6 +11,7 @@ ANATOMY = "anatomy.json"
 WRITTEN_WHOLE = (RESULTS, MANIFEST, FIGURE, FIGURE_NUMBERS, REPORT, SUBGOALS, ANATOMY)
 
 POLICIES = "policies"  # folders
+STAGES = "stages"
 VIDEOS = "videos"
 REPLAYS = "replays"
 FAILURES = "failures"

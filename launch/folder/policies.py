@@ -21,6 +21,7 @@ class Found(NamedTuple):
     subgoal_layers: int
     seed: int
     success_rate: float  # in the last test period
+    train_episodes: int = 0
 
 
 def find(directory: Path) -> list[Found]:
@@ -46,6 +47,7 @@ def _read(file: Path) -> Found:
             subgoal_layers=_entry(description, "subgoal_layers", int),
             seed=_entry(description, "seed", int),
             success_rate=float(_entry(description, "success_rate", int | float)),
+            train_episodes=_entry({"train_episodes": 0, **description}, "train_episodes", int),
         )
     except (OSError, ValueError, RecursionError) as error:
         raise CommandError(f"{file} does not describe a policy: {error}") from error
