@@ -10,12 +10,11 @@ from matplotlib.patches import Patch, Rectangle
 
 from analysis.figures.diagnostics import LOOKS
 from analysis.reading import paper
-from analysis.reading.episodes import Episode, Subgoal
+from analysis.reading.episodes import Episode, Subgoal, planes
 
 _GOAL_COLOUR = "#f0c000"
 _PATH_COLOUR = "#333333"
 _GREY = "#777777"
-_VIEWS = {"xy": "from above", "xz": "from the side"}
 _SIZES = (5.5, 8.0, 10.0)  # of markers in points, by the level that proposed
 _LEAST_NUMBERED = 0.03  # of the episode
 _ACHIEVED, _MISSED = "achieved", "missed"
@@ -27,14 +26,14 @@ def draw_anatomy(episode: Episode) -> Figure:
     Level i's subgoals have the colour of the markers in videos: purple for the lowest level that
     proposes, green for the one above. Filled ones were achieved; hollow ones were not.
     """
-    planes = list(_planes(episode.subgoal_space.names))
+    shown = list(planes(episode.subgoal_space.names))
     dimensions = len(episode.subgoal_space.names)
     rows = dimensions + 1
     figure = Figure(figsize=(13, max(5.2, 1.5 * rows + 1.2)))
     figure.set_layout_engine("constrained", w_pad=0.08, h_pad=0.05)
     left, right = figure.subfigures(1, 2, width_ratios=(1, 1.25), squeeze=False)[0]
-    for ax, plane in zip(np.ravel(left.subplots(len(planes), 1)), planes, strict=True):
-        _draw_plane(ax, episode, *plane)
+    for ax, plane in zip(np.ravel(left.subplots(len(shown), 1)), shown, strict=True):
+        draw_plane(ax, episode, *plane)
     heights = [1.0] * dimensions + [0.3 + 0.35 * max(episode.subgoal_layers, 1)]
     *over_time, outcomes = right.subplots(rows, 1, sharex=True, height_ratios=heights)
     for dimension, ax in enumerate(over_time):
@@ -53,22 +52,8 @@ def _title(episode: Episode) -> str:
     return f"{who}, seed {episode.seed}: {end} in {episode.steps} steps"
 
 
-def _planes(names: tuple[str, ...]) -> Iterator[tuple[str, tuple[int, int]]]:
-    """The planes to show, named, with the dimensions that span them: ("rod", (2, 3))."""
-    bodies = dict.fromkeys(name.rpartition("_")[0] for name in names)
-    for body in bodies:
-        axes = {name[-1]: i for i, name in enumerate(names) if name in _points_of(body)}
-        for view, explained in _VIEWS.items():
-            if set(view) <= set(axes):
-                title = f"{body}, {explained}" if len(axes) > 2 else body
-                yield title, (axes[view[0]], axes[view[1]])
-
-
-def _points_of(body: str) -> set[str]:
-    return {f"{body}_{axis}" for axis in "xyz"}
-
-
-def _draw_plane(ax: Axes, episode: Episode, title: str, plane: tuple[int, int]) -> None:
+def draw_plane(ax: Axes, episode: Episode, title: str, plane: tuple[int, int]) -> None:
+    """The path and all subgoals in the plane of two dimensions of the subgoal space."""
     for subgoal in sorted(episode.subgoals, key=lambda s: -s.level):
         x, y = subgoal.point[list(plane)]
         ax.plot(x, y, **_marker(subgoal), zorder=2 + subgoal.level)

@@ -20,6 +20,7 @@ from analysis.reading import names, paper
 from analysis.reading.episodes import load_episodes
 from analysis.reading.files import write_text
 from analysis.reading.results import load, read_manifest
+from analysis.report.explanations import explanations, recording_command
 from analysis.report.page import Picture, render
 from analysis.statistics.seeds import final_success, success_per_period, with_cost
 from analysis.verdicts import hierarchy
@@ -31,6 +32,7 @@ _HEADINGS = {
     "verdict": "Does hierarchy help here?",
     "watch": "Watch it",
     "levels": "What the levels do",
+    "why": "What was learnt, and which tests fail",
     "reproduce": "How to reproduce",
 }
 _EXPLAINED = (
@@ -85,6 +87,11 @@ def write_report(run_dir: Path) -> Path:
         videos=_below(run_dir, names.VIDEOS, "*.mp4"),
         anatomies=_anatomies(run_dir, task),
         explained=_EXPLAINED,
+        explanations=[
+            Picture.of(shown.figure, shown.description, shown.caption, DOTS_PER_INCH // 2)
+            for shown in explanations(run_dir, task)
+        ],
+        recording=recording_command(task, run_dir),
         commands=_recorded_commands(manifest) or [_command_for(results)],
         problem=problem,
         files=[file for file in _FILES if (run_dir / file).is_file()],
