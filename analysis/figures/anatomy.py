@@ -23,8 +23,8 @@ _ACHIEVED, _MISSED = "achieved", "missed"
 def draw_anatomy(episode: Episode) -> Figure:
     """Left: the planes in which the agent moves. Right: every dimension over time, and outcomes.
 
-    Level i's subgoals have the colour of the markers in videos: purple for the lowest level that
-    proposes, green for the one above. Filled ones were achieved; hollow ones were not.
+    Subgoals have the colour of their markers in videos: purple for level 1's, green for level 2's.
+    Filled ones were achieved; hollow ones were not.
     """
     shown = list(planes(episode.subgoal_space.names))
     dimensions = len(episode.subgoal_space.names)
@@ -182,10 +182,9 @@ def _legend(episode: Episode) -> Iterator[Line2D | Patch]:
     yield Patch(facecolor=_GOAL_COLOUR, alpha=0.5, label="end goal, within its threshold")
     for level in range(1, episode.subgoal_layers + 1):
         look = LOOKS[level % len(LOOKS)]
-        who = "top level's" if level == episode.subgoal_layers else f"level {level}'s"
         yield Line2D(
             [], [], color=look.colour, marker=look.marker, linestyle="none",
-            label=f"{who} subgoals: {_counts(episode, level)}",
+            label=f"level {level}'s subgoals: {_counts(episode, level)}",
         )  # fmt: skip
     if episode.subgoal_layers:
         yield Patch(facecolor=_GREY, edgecolor=_GREY, label="filled: achieved")

@@ -22,7 +22,7 @@ from analysis.reading.files import write_text
 from analysis.reading.results import load, read_manifest
 from analysis.report.explanations import explanations, recording_command
 from analysis.report.page import Picture, render
-from analysis.statistics.seeds import final_success, success_per_period, with_cost
+from analysis.statistics.seeds import FEW_SEEDS, final_success, success_per_period, with_cost
 from analysis.verdicts import hierarchy
 
 _FILES = (names.FIGURE, names.FIGURE_NUMBERS, names.RESULTS, names.MANIFEST, names.SUBGOALS)
@@ -54,7 +54,6 @@ _EXPLAINED = (
         "highest pursues the end goal. Means over the n seeds that have the quantity.",
     ),
 )
-_FEW = 5  # seeds: with fewer, a bootstrap interval is little more than the range
 
 
 def write_report(run_dir: Path) -> Path:
@@ -119,9 +118,9 @@ def _headline(results: pd.DataFrame, verdict: Mapping[str, Any]) -> str:
 
 def _pictures(results: pd.DataFrame) -> dict[str, Picture]:
     summary = success_per_period(results)
-    few = results.groupby("subgoal_layers")["seed"].nunique().max() < _FEW
+    few = results.groupby("subgoal_layers")["seed"].nunique().max() < FEW_SEEDS
     bands = "bands: 95% bootstrap interval over seeds" + (
-        f" (fewer than {_FEW} seeds: little more than their range)" if few else ""
+        f" (fewer than {FEW_SEEDS} seeds: little more than their range)" if few else ""
     )
     return {
         "curves": Picture.of(

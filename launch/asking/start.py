@@ -1,6 +1,7 @@
 """What a program sets before numpy, torch and mujoco are imported: they read it only once."""
 
 import os
+import sys
 
 
 def without_display() -> None:
@@ -13,3 +14,9 @@ def for_training() -> None:
     without_display()
     for library in ("OMP", "MKL", "OPENBLAS"):  # many processes of one thread beat few of many
         os.environ[f"{library}_NUM_THREADS"] = "1"
+
+
+def say_that_it_loads() -> None:
+    """Tells a person at a terminal why nothing is seen at first."""
+    if sys.stderr.isatty():
+        print("loading torch and MuJoCo, which takes some seconds", file=sys.stderr, flush=True)

@@ -175,7 +175,7 @@ def test_everything_can_be_read_without_eyes_or_a_mouse(make_run):
         (folder / name).touch()
     page = Page(write_report(folder))
     assert all(page.values("img", "alt")) and len(page.values("img", "alt")) == 4
-    assert page.values("video", "aria-label") == ["video: pick_place_1layers"]
+    assert page.values("video", "aria-label") == ["video of the agent with 1 subgoal layer"]
     assert [tag for tag, _ in page.tags].count("h1") == 1
     assert set(page.values("th", "scope")) == {"col"}
     assert page.values("html", "lang") == ["en"]
