@@ -13,7 +13,7 @@ STAMP := .venv/.stamp
 
 help:
 	@echo "make run [TASK=pick_place] [SEEDS=10] [ARGS=...]   train, then draw curves and videos (TASK=all: all five)"
-	@echo "make demo      a minute of training, with its curve and a video"
+	@echo "make demo      a minute or two of training, with its curve and a video"
 	@echo "make test      the quick tests;  make test-all: the slow ones as well"
 	@echo "make lint      ruff and mypy;    make bench: speed against peers and limits (15 minutes)"
 	@echo "make doctor    what this machine can do, and how to mend what it cannot"
@@ -48,7 +48,7 @@ run: $(STAMP)
 	$(BIN)/python launch/run.py --task=$(TASK) --seeds=$(SEEDS) $(ARGS)
 
 demo: $(STAMP)
-	@echo "==> demo: a minute of real training (two seeds of a pendulum), its curve and a video"
+	@echo "==> demo: a minute or two of real training (two seeds of a pendulum), its curve and a video"
 	$(BIN)/python launch/run.py --task=pendulum_climb --seeds=2 --subgoal_layers=1 --periods=4 \
 		--config.episodes_per_period=60 --out=runs/demo
 

@@ -355,6 +355,7 @@ def _plan(task: str, request: Request, recorder: Recorder) -> worker.Plan:
         periods=request.periods,
         device=request.device,
         keep_final=request.keep_final,
+        kept=request.keep_policies,
     )
 
 

@@ -82,11 +82,12 @@ def record(found: Sequence[policies.Found], output: Path, episodes: int) -> list
     """
     replays = [_replay(policy.path, episodes) for policy in found]
     output.mkdir(parents=True, exist_ok=True)
-    table, anatomy = output / names.SUBGOALS, output / names.ANATOMY
+    table, episodes_file = output / names.SUBGOALS, output / names.ANATOMY
     write_atomically(table, lambda path: _write_table(replays, path))
     episode_of_each_agent = [_typical(replays, layers) for layers in _agents(found)]
-    write_text(anatomy, json.dumps(_anatomy(episode_of_each_agent)) + "\n")
-    return [table, anatomy]
+    described = anatomy(episode_of_each_agent, found[0].task)
+    write_text(episodes_file, json.dumps(described) + "\n")
+    return [table, episodes_file]
 
 
 def _agents(found: Sequence[policies.Found]) -> list[int]:
@@ -154,9 +155,8 @@ def _typical(replays: Sequence[Replayed], layers: int) -> tuple[Replayed, int]:
     return median, 0
 
 
-def _anatomy(chosen: Sequence[tuple[Replayed, int]]) -> dict[str, Any]:
+def anatomy(chosen: Sequence[tuple[Replayed, int]], task: str) -> dict[str, Any]:
     """The episodes with all their subgoals, and the spaces that these are points of."""
-    task = chosen[0][0].policy.metadata["task"]
     spec = tasks.spec(task)
     spaces = {"subgoal_space": spec.subgoal_space, "goal_space": spec.goal_space}
     described = {

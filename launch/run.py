@@ -10,6 +10,7 @@ if __name__ == "__main__":
     from launch.asking import start
 
     start.for_training()
+    start.say_that_it_loads()
 
 from analysis import program
 

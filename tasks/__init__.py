@@ -5,6 +5,13 @@ environments stepped together; `find` answers a word with all three. Importing t
 registers every task with Gymnasium as "HACSuite/<Name>-v0".
 """
 
+import warnings
+
+with warnings.catch_warnings():
+    # Without a display dm_control asks GLFW for one before it takes another backend.
+    warnings.filterwarnings("ignore", message=r".*DISPLAY environment variable is missing")
+    import dm_control.mujoco  # noqa: F401
+
 from tasks import to_gymnasium
 from tasks.finding import ALL, find, load, load_vector, spec, unfitted
 from tasks.goal_space import GoalSpace

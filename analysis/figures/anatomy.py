@@ -10,12 +10,11 @@ from matplotlib.patches import Patch, Rectangle
 
 from analysis.figures.diagnostics import LOOKS
 from analysis.reading import paper
-from analysis.reading.episodes import Episode, Subgoal
+from analysis.reading.episodes import Episode, Subgoal, planes
 
 _GOAL_COLOUR = "#f0c000"
 _PATH_COLOUR = "#333333"
 _GREY = "#777777"
-_VIEWS = {"xy": "from above", "xz": "from the side"}
 _SIZES = (5.5, 8.0, 10.0)  # of markers in points, by the level that proposed
 _LEAST_NUMBERED = 0.03  # of the episode
 _ACHIEVED, _MISSED = "achieved", "missed"
@@ -24,17 +23,17 @@ _ACHIEVED, _MISSED = "achieved", "missed"
 def draw_anatomy(episode: Episode) -> Figure:
     """Left: the planes in which the agent moves. Right: every dimension over time, and outcomes.
 
-    Level i's subgoals have the colour of the markers in videos: purple for the lowest level that
-    proposes, green for the one above. Filled ones were achieved; hollow ones were not.
+    Subgoals have the colour of their markers in videos: purple for level 1's, green for level 2's.
+    Filled ones were achieved; hollow ones were not.
     """
-    planes = list(_planes(episode.subgoal_space.names))
+    shown = list(planes(episode.subgoal_space.names))
     dimensions = len(episode.subgoal_space.names)
     rows = dimensions + 1
     figure = Figure(figsize=(13, max(5.2, 1.5 * rows + 1.2)))
     figure.set_layout_engine("constrained", w_pad=0.08, h_pad=0.05)
     left, right = figure.subfigures(1, 2, width_ratios=(1, 1.25), squeeze=False)[0]
-    for ax, plane in zip(np.ravel(left.subplots(len(planes), 1)), planes, strict=True):
-        _draw_plane(ax, episode, *plane)
+    for ax, plane in zip(np.ravel(left.subplots(len(shown), 1)), shown, strict=True):
+        draw_plane(ax, episode, *plane)
     heights = [1.0] * dimensions + [0.3 + 0.35 * max(episode.subgoal_layers, 1)]
     *over_time, outcomes = right.subplots(rows, 1, sharex=True, height_ratios=heights)
     for dimension, ax in enumerate(over_time):
@@ -53,22 +52,8 @@ def _title(episode: Episode) -> str:
     return f"{who}, seed {episode.seed}: {end} in {episode.steps} steps"
 
 
-def _planes(names: tuple[str, ...]) -> Iterator[tuple[str, tuple[int, int]]]:
-    """The planes to show, named, with the dimensions that span them: ("rod", (2, 3))."""
-    bodies = dict.fromkeys(name.rpartition("_")[0] for name in names)
-    for body in bodies:
-        axes = {name[-1]: i for i, name in enumerate(names) if name in _points_of(body)}
-        for view, explained in _VIEWS.items():
-            if set(view) <= set(axes):
-                title = f"{body}, {explained}" if len(axes) > 2 else body
-                yield title, (axes[view[0]], axes[view[1]])
-
-
-def _points_of(body: str) -> set[str]:
-    return {f"{body}_{axis}" for axis in "xyz"}
-
-
-def _draw_plane(ax: Axes, episode: Episode, title: str, plane: tuple[int, int]) -> None:
+def draw_plane(ax: Axes, episode: Episode, title: str, plane: tuple[int, int]) -> None:
+    """The path and all subgoals in the plane of two dimensions of the subgoal space."""
     for subgoal in sorted(episode.subgoals, key=lambda s: -s.level):
         x, y = subgoal.point[list(plane)]
         ax.plot(x, y, **_marker(subgoal), zorder=2 + subgoal.level)
@@ -197,10 +182,9 @@ def _legend(episode: Episode) -> Iterator[Line2D | Patch]:
     yield Patch(facecolor=_GOAL_COLOUR, alpha=0.5, label="end goal, within its threshold")
     for level in range(1, episode.subgoal_layers + 1):
         look = LOOKS[level % len(LOOKS)]
-        who = "top level's" if level == episode.subgoal_layers else f"level {level}'s"
         yield Line2D(
             [], [], color=look.colour, marker=look.marker, linestyle="none",
-            label=f"{who} subgoals: {_counts(episode, level)}",
+            label=f"level {level}'s subgoals: {_counts(episode, level)}",
         )  # fmt: skip
     if episode.subgoal_layers:
         yield Patch(facecolor=_GREY, edgecolor=_GREY, label="filled: achieved")

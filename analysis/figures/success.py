@@ -12,7 +12,7 @@ from matplotlib.ticker import PercentFormatter
 from analysis.reading import names, paper
 from analysis.reading.files import write_atomically
 from analysis.reading.results import load
-from analysis.statistics.seeds import n_label, success_per_period
+from analysis.statistics.seeds import FEW_SEEDS, n_label, success_per_period
 
 DOTS_PER_INCH = 160
 
@@ -124,7 +124,14 @@ def plot_success(
     ax.grid(alpha=0.25, linewidth=0.6)
     ax.spines[["top", "right"]].set_visible(False)
     if legend:
-        ax.legend(title="mean and 95% interval over seeds", framealpha=0.85, handlelength=3.2)
+        ax.legend(title=_meaning(summary), framealpha=0.85, handlelength=3.2)
+
+
+def _meaning(summary: pd.DataFrame) -> str:
+    """What lines and bands are."""
+    few = summary["n"].max() < FEW_SEEDS
+    of_few = f"\n(fewer than {FEW_SEEDS} seeds: little more\nthan their range)" if few else ""
+    return f"mean and 95% interval over seeds{of_few}"
 
 
 def _named(layers: int, curve: pd.DataFrame) -> str:

@@ -1,6 +1,7 @@
 """Reads anatomy.json: one recorded episode of each of a task's agents, with all its subgoals."""
 
 import json
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -10,6 +11,7 @@ import numpy as np
 from analysis.reading import names
 from analysis.reading.subgoals import recording_command
 
+_VIEWS = {"xy": "from above", "xz": "from the side"}
 _BAD_FILE = "{path}: not a record of episodes ({error}); record it anew with `{command}`"
 
 
@@ -65,14 +67,17 @@ class Episode:
         return float(self.goal[index]), self.goal_space.threshold[index]
 
 
-def load_episodes(folder: Path, task: str) -> list[Episode]:
+def load_episodes(folder: Path, task: str, file: str = names.ANATOMY) -> list[Episode]:
     """The recorded episodes of a task, one of each agent.
 
+    Args:
+      file: another of the same form, such as that of episodes that failed.
+
     Raises:
-      FileNotFoundError: `folder` holds no anatomy.json.
+      FileNotFoundError: `folder` holds no such file.
       ValueError: it is damaged; the message says how to make it.
     """
-    path = Path(folder) / names.ANATOMY
+    path = Path(folder) / file
     text = path.read_text(encoding="utf-8")
     try:
         record = json.loads(text)
@@ -99,3 +104,23 @@ def _episode(task: str, spaces: dict[str, Space], item: dict[str, Any]) -> Episo
         task, item["subgoal_layers"], item["seed"], item["success"], np.array(item["goal"]),
         path, subgoals, **spaces,
     )  # fmt: skip
+
+
+def planes(names: Sequence[str]) -> Iterator[tuple[str, tuple[int, int]]]:
+    """The planes to show, named, with the dimensions that span them: ("rod", (2, 3))."""
+    bodies = dict.fromkeys(name.rpartition("_")[0] for name in names)
+    for body in bodies:
+        points = {f"{body}_{axis}" for axis in "xyz"}
+        axes = {name[-1]: i for i, name in enumerate(names) if name in points}
+        for view, explained in _VIEWS.items():
+            if set(view) <= set(axes):
+                title = f"{body}, {explained}" if len(axes) > 2 else body
+                yield title, (axes[view[0]], axes[view[1]])
+
+
+def some_planes(names: Sequence[str]) -> list[tuple[str, tuple[int, int]]]:
+    """As `planes`; where dimensions are no places, the first two, and none of a space of one."""
+    found = list(planes(names))
+    if found or len(names) < 2:
+        return found
+    return [(f"{names[0]} and {names[1]}".replace("_", " "), (0, 1))]

@@ -7,10 +7,27 @@ FIGURE_NUMBERS = "figure.csv"
 REPORT = "report.html"
 SUBGOALS = "subgoals.csv"
 ANATOMY = "anatomy.json"
+MAPS = "maps.csv"
+STARTS = "starts.csv"
+FAILED_EPISODES = "failures.json"
+VALUES = "values.json"
 
-WRITTEN_WHOLE = (RESULTS, MANIFEST, FIGURE, FIGURE_NUMBERS, REPORT, SUBGOALS, ANATOMY)
+WRITTEN_WHOLE = (
+    RESULTS,
+    MANIFEST,
+    FIGURE,
+    FIGURE_NUMBERS,
+    REPORT,
+    SUBGOALS,
+    ANATOMY,
+    MAPS,
+    STARTS,
+    FAILED_EPISODES,
+    VALUES,
+)
 
 POLICIES = "policies"  # folders
+STAGES = "stages"
 VIDEOS = "videos"
 REPLAYS = "replays"
 FAILURES = "failures"

@@ -1,7 +1,9 @@
-"""Reads subgoals.csv, the recorded high-level subgoals of a task, and names what records it."""
+"""Reads what is recorded of policies' subgoals, starts and values, and names what records it."""
 
+import json
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -50,3 +52,44 @@ def load_subgoals(folder: Path, task: str, points: Mapping[str, tuple[str, ...]]
 def places(table: pd.DataFrame, kind: str, of: tuple[str, ...]) -> np.ndarray:
     """Points [rows, names] of a kind: "subgoal", "start" of the agent, its "end", or "goal"."""
     return table[[f"{kind}_{name}" for name in of]].to_numpy(dtype=float)
+
+
+def load_recorded(folder: Path, file: str) -> pd.DataFrame:
+    """starts.csv or maps.csv of a run folder.
+
+    Raises:
+      FileNotFoundError: there is no such file.
+      ValueError: it is not one of these tables.
+    """
+    path = Path(folder) / file
+    try:
+        table = pd.read_csv(path)
+    except (pd.errors.ParserError, pd.errors.EmptyDataError, UnicodeDecodeError) as error:
+        raise ValueError(f"{path}: not a table ({error})") from error
+    missing = {"task", "subgoal_layers", "seed", "train_episodes", "episode"} - set(table)
+    if missing:
+        raise ValueError(f"{path}: lacks the column(s) {', '.join(sorted(missing))}")
+    return table
+
+
+def load_values(folder: Path) -> list[dict[str, Any]]:
+    """values.json of a run folder: for each agent its maps of Q.
+
+    Raises:
+      FileNotFoundError: there is no such file.
+      ValueError: it is damaged.
+    """
+    path = Path(folder) / names.VALUES
+    try:
+        return list(json.loads(path.read_text(encoding="utf-8"))["agents"])
+    except (KeyError, TypeError, ValueError) as error:
+        raise ValueError(f"{path}: not a record of values ({error!r})") from error
+
+
+def points_named(table: pd.DataFrame, kind: str) -> tuple[str, ...]:
+    """The dimensions of a kind of points in a table: "subgoal", "start" or "goal"."""
+    return tuple(
+        str(column).removeprefix(f"{kind}_")
+        for column in table
+        if str(column).startswith(f"{kind}_") and column != "subgoal_layers"
+    )

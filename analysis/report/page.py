@@ -2,12 +2,15 @@
 
 import base64
 import io
+import re
 from pathlib import Path, PurePosixPath
 from typing import Any, NamedTuple
 from urllib.parse import quote
 
 import jinja2
 from matplotlib.figure import Figure
+
+from analysis.reading import paper
 
 _TEMPLATES = jinja2.Environment(
     loader=jinja2.FileSystemLoader(Path(__file__).with_name("templates")),
@@ -18,6 +21,13 @@ _TEMPLATES = jinja2.Environment(
 )
 _TEMPLATES.filters["urlpath"] = quote
 _TEMPLATES.filters["stem"] = lambda path: PurePosixPath(path).stem
+_TEMPLATES.filters["agent"] = lambda path: _agent_of(PurePosixPath(path).stem)
+
+
+def _agent_of(stem: str) -> str:
+    """Whose a video or replay is, from its name; the name, where it says no agent."""
+    found = re.search(r"_(\d+)layers$", stem)
+    return f"the agent with {paper.agent_name(int(found[1]))}" if found else stem
 
 
 class Picture(NamedTuple):

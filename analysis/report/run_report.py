@@ -20,8 +20,9 @@ from analysis.reading import names, paper
 from analysis.reading.episodes import load_episodes
 from analysis.reading.files import write_text
 from analysis.reading.results import load, read_manifest
+from analysis.report.explanations import explanations, recording_command
 from analysis.report.page import Picture, render
-from analysis.statistics.seeds import final_success, success_per_period, with_cost
+from analysis.statistics.seeds import FEW_SEEDS, final_success, success_per_period, with_cost
 from analysis.verdicts import hierarchy
 
 _FILES = (names.FIGURE, names.FIGURE_NUMBERS, names.RESULTS, names.MANIFEST, names.SUBGOALS)
@@ -31,6 +32,7 @@ _HEADINGS = {
     "verdict": "Does hierarchy help here?",
     "watch": "Watch it",
     "levels": "What the levels do",
+    "why": "What was learnt, and which tests fail",
     "reproduce": "How to reproduce",
 }
 _EXPLAINED = (
@@ -52,7 +54,6 @@ _EXPLAINED = (
         "highest pursues the end goal. Means over the n seeds that have the quantity.",
     ),
 )
-_FEW = 5  # seeds: with fewer, a bootstrap interval is little more than the range
 
 
 def write_report(run_dir: Path) -> Path:
@@ -85,6 +86,11 @@ def write_report(run_dir: Path) -> Path:
         videos=_below(run_dir, names.VIDEOS, "*.mp4"),
         anatomies=_anatomies(run_dir, task),
         explained=_EXPLAINED,
+        explanations=[
+            Picture.of(shown.figure, shown.description, shown.caption, DOTS_PER_INCH // 2)
+            for shown in explanations(run_dir, task)
+        ],
+        recording=recording_command(task, run_dir),
         commands=_recorded_commands(manifest) or [_command_for(results)],
         problem=problem,
         files=[file for file in _FILES if (run_dir / file).is_file()],
@@ -112,9 +118,9 @@ def _headline(results: pd.DataFrame, verdict: Mapping[str, Any]) -> str:
 
 def _pictures(results: pd.DataFrame) -> dict[str, Picture]:
     summary = success_per_period(results)
-    few = results.groupby("subgoal_layers")["seed"].nunique().max() < _FEW
+    few = results.groupby("subgoal_layers")["seed"].nunique().max() < FEW_SEEDS
     bands = "bands: 95% bootstrap interval over seeds" + (
-        f" (fewer than {_FEW} seeds: little more than their range)" if few else ""
+        f" (fewer than {FEW_SEEDS} seeds: little more than their range)" if few else ""
     )
     return {
         "curves": Picture.of(

@@ -28,6 +28,9 @@ _UNEQUAL_TRAINING = (
     " of training episodes ({episodes}); they cannot be averaged"
 )
 
+FEW_SEEDS = 5
+"""With fewer seeds, a bootstrap interval is little more than their range."""
+
 
 class Interval(NamedTuple):
     """A mean over seeds and the interval that holds it with 95% confidence."""

@@ -130,6 +130,20 @@ def subgoal_layers(words: Sequence[str]) -> tuple[int, ...]:
     return tuple(sorted({int(word) for word in words}))
 
 
+def periods(words: Sequence[str], last: int) -> tuple[int, ...]:
+    """The test periods that --keep_policies names, 0 to `last`.
+
+    Raises:
+      CommandError: a word is none of them.
+    """
+    if not all(re.fullmatch(r"\s*\d{1,6}\s*", word) and int(word) <= last for word in words):
+        raise CommandError(
+            f"flag --keep_policies={','.join(words)}: it takes test periods from 0 to {last}, as "
+            "in 0,1,3"
+        )
+    return tuple(sorted({int(word) for word in words}))
+
+
 def seeds(word: str) -> tuple[int, ...]:
     """`10` is the seeds 0 to 9; with a comma or a dash it is a list of seeds and ranges.
 

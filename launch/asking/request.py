@@ -48,6 +48,7 @@ class Request(NamedTuple):
     out: Path
     workers: int  # 0: one for each core
     video: bool
+    keep_policies: tuple[int, ...]  # test periods whose policies stay beside the last ones
     tensorboard: bool
     keep_final: bool  # the state that each seed ends with, for more periods later
     other_versions: bool  # may go on from checkpoints of other versions of the libraries
@@ -157,6 +158,9 @@ def define_flags() -> flags.FlagValues:
         values,
     )
     flags.DEFINE_boolean("video", True, "make a video and a 3-D replay of each agent", values)
+    flags.DEFINE_list(
+        "keep_policies", [], "test periods whose policies to keep in stages/: 0,1,3", values
+    )
     flags.DEFINE_boolean("tensorboard", False, "write curves for TensorBoard as well", values)
     flags.DEFINE_boolean(
         "keep_final", True, "keep the state that each seed ends with, for more --periods", values
@@ -186,6 +190,7 @@ def _request(values: flags.FlagValues, settings_given: ConfigDict) -> Request:
         out=_folder(values.out),
         workers=values.workers,
         video=values.video,
+        keep_policies=lists.periods(values.keep_policies, values.periods),
         tensorboard=values.tensorboard,
         keep_final=values.keep_final,
         other_versions=values.other_versions,

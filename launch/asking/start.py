@@ -83,3 +83,9 @@ def die_with_the_parent() -> None:
 def _wait_for_the_end(pipe: int) -> None:
     os.read(pipe, 1)  # nothing is ever written into it: it ends with the parent
     os._exit(1)
+
+
+def say_that_it_loads() -> None:
+    """Tells a person at a terminal why nothing is seen at first."""
+    if sys.stderr.isatty():
+        print("loading torch and MuJoCo, which takes some seconds", file=sys.stderr, flush=True)

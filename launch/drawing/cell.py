@@ -93,7 +93,7 @@ def write_outcome(picture: Image.Image, success: bool, steps: int, unit: float) 
     draw = ImageDraw.Draw(picture)
     size = 26 * unit
     width = draw.textlength(said, font=ink.font(size))
-    size *= min(1, 0.8 * picture.width / (width + 2.6 * size))
+    size *= min(1, 0.66 * picture.width / (width + 2.6 * size))
     letters = ink.font(size)
     half = draw.textlength(said, font=letters) / 2 + 1.3 * size
     x, y, tall = picture.width / 2, picture.height - 1.5 * size, 0.9 * size

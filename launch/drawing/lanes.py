@@ -96,14 +96,14 @@ class Strip:
         top, bottom, unit = *self._rows(row), self._unit
         if lane.bars:
             draw.rectangle((self._left, top, self._right, bottom), _GROOVE)
-        if not self._names:
-            draw.rectangle((2 * unit, top, 2 * unit + 4, bottom), lane.colour)
-        else:
+        if self._names:
             middle = (top + bottom) / 2
             box = (12 * unit, middle - 7 * unit, 26 * unit, middle + 7 * unit)
             draw.rounded_rectangle(box, 3 * unit, lane.colour)
             place = 34 * unit, middle
             draw.text(place, lane.name, font=ink.font(17 * unit), fill=ink.WHITE, anchor="lm")
+        elif lane.bars:
+            draw.rectangle((2 * unit, top, 2 * unit + 4, bottom), lane.colour)
 
     def _draw_axis(self, draw: ImageDraw.ImageDraw) -> None:
         unit = self._unit

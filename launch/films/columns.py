@@ -25,8 +25,12 @@ class Columns:
         size: tuple[int, int],
         camera: str | None,
         speed: float | None = None,
+        said: str = "",
     ):
         """All episodes begin together; `size` is width, height in pixels.
+
+        Args:
+          said: of all of them, above them.
 
         Raises:
           CommandError: the task has no such camera.
@@ -48,17 +52,22 @@ class Columns:
         self._strips = [lanes.Strip(own, steps, wide, unit, names=False, key=False) for own in rows]
         self._lefts = [index * (wide + gap) for index in range(len(courses))]
         self._blank = Image.new("RGB", size, ink.PAPER)
-        self._write(first, names, rows[0], wide)
+        facts = ",  ".join(filter(None, [said, pacing.in_words(self._pace.speed)]))
+        self._write(first, names, rows[0], wide, facts)
 
     def _write(
-        self, course: Course, names: Sequence[str], rows: Sequence[lanes.Lane], wide: int
+        self,
+        course: Course,
+        names: Sequence[str],
+        rows: Sequence[lanes.Lane],
+        wide: int,
+        facts: str,
     ) -> None:
         """What does not change: title, names of the columns, and the key below."""
         draw, unit = ImageDraw.Draw(self._blank), self._unit
         task = course.policy.metadata["task"]
         about = paper.ABOUT.get(task, course.title)
-        pace = pacing.in_words(self._pace.speed)
-        width = ink.write_right(draw, pace, self._blank.width - 8 * unit, 19 * unit, 15 * unit)
+        width = ink.write_right(draw, facts, self._blank.width - 8 * unit, 19 * unit, 15 * unit)
         ink.write(draw, about, (8 * unit, 19 * unit), 19 * unit, width - 24 * unit)
         for left, name in zip(self._lefts, names, strict=True):
             place = left + wide / 2, (_TITLE + _NAME / 2) * unit

@@ -15,6 +15,10 @@ _WEBP_QUALITIES = (80, 65, 50, 35, 20)
 _GIF_COLOURS = (192, 96, 48, 24)
 
 
+class TooLarge(ValueError):
+    """A moving picture takes more bytes than it may; the message says what to do."""
+
+
 def write_mp4(frames: Iterable[np.ndarray], path: Path) -> None:
     """H.264 in yuv420p, its index first: browsers play it at once.
 
@@ -37,7 +41,7 @@ def write_animation(frames: Sequence[np.ndarray], path: Path, most_bytes: int) -
     """A .webp or .gif that plays without end, as good as so many bytes allow.
 
     Raises:
-      ValueError: even the worst quality takes more.
+      TooLarge: even the worst quality takes more.
     """
     gif = path.suffix == ".gif"
     for quality in _GIF_COLOURS if gif else _WEBP_QUALITIES:
@@ -45,7 +49,9 @@ def write_animation(frames: Sequence[np.ndarray], path: Path, most_bytes: int) -
         if path.stat().st_size <= most_bytes:
             return
     size = path.stat().st_size / 1e6
-    raise ValueError(f"{path.name} takes {size:.1f} MB at the least; make it smaller with --size")
+    raise TooLarge(
+        f"it takes {size:.1f} MB at the least; make it smaller with --size, or shorter with --speed"
+    )
 
 
 def _durations(frames: Sequence[np.ndarray]) -> list[int]:

@@ -21,7 +21,7 @@ from launch.asking import start
 from launch.drawing import pacing
 from launch.films.board import board
 from launch.films.columns import Columns
-from launch.films.files import write_animation, write_mp4
+from launch.films.files import TooLarge, write_animation, write_mp4
 from launch.films.sheet import Sheet
 from launch.pictures import video
 from launch.pictures.choosing import choose
@@ -52,7 +52,7 @@ def main(argument: str) -> None:
     output.parent.mkdir(parents=True, exist_ok=True)
     try:
         write_atomically(output, lambda path: _write(courses, request, path))
-    except program.CommandError as error:
+    except (program.CommandError, TooLarge) as error:
         _refuse(str(error))
 
 
@@ -77,7 +77,9 @@ def _write(courses: list[Course], request: dict[str, Any], path: Path) -> None:
         Image.fromarray(board(courses[0], size[0], camera)).save(path)
         return
     if request["columns"]:
-        columns = Columns(courses, request["columns"], size, camera, request["speed"])
+        columns = Columns(
+            courses, request["columns"], size, camera, request["speed"], request["said"]
+        )
         frames: Iterable[np.ndarray] = _telling(columns.frames(), len(columns.moments))
     else:
         frames = _one_after_another(courses, request, size)

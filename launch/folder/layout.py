@@ -43,6 +43,7 @@ class RunFolder:
         self.figure_numbers = self.path / names.FIGURE_NUMBERS
         self.report = self.path / names.REPORT
         self.policies = self.path / names.POLICIES
+        self.stages = self.path / names.STAGES
         self.videos = self.path / names.VIDEOS
         self.replays = self.path / names.REPLAYS
         self.failures = self.path / names.FAILURES
@@ -51,6 +52,10 @@ class RunFolder:
     def policy(self, subgoal_layers: int, seed: int) -> Path:
         """Path of a policy without its two suffixes."""
         return self.policies / f"{self.task}_{subgoal_layers}layers_seed{seed}"
+
+    def stage(self, subgoal_layers: int, seed: int, period: int) -> Path:
+        """Path of the policy of a test period, without its two suffixes."""
+        return self.stages / f"{self.policy(subgoal_layers, seed).name}_period{period}"
 
     def video(self, subgoal_layers: int) -> Path:
         return self.videos / f"{self.task}_{subgoal_layers}layers.mp4"
@@ -150,10 +155,19 @@ class RunFolder:
         for folder in (self.policies, self.videos):
             folder.mkdir(exist_ok=True)
         shutil.rmtree(self.failures, ignore_errors=True)
-        for file in self._leftovers():
+        for file in [*self._leftovers(), *self._stages_ahead(runs)]:
             if not file.is_dir():
                 file.unlink(missing_ok=True)
         return self._set_rows(runs)
+
+    def _stages_ahead(self, runs: Mapping[tuple[int, int], Sequence]) -> Iterator[Path]:
+        """Policies that were kept of test periods which these runs have still before them."""
+        for run, behind in runs.items():
+            own = glob.escape(f"{self.policy(*run).name}_period")
+            for file in self.stages.glob(f"{own}*"):
+                period = file.stem.rpartition("_period")[2]
+                if period.isdecimal() and int(period) >= len(behind):
+                    yield file
 
     def _leftovers(self) -> Iterator[Path]:
         """What a kill can leave half written; files of other names are not ours to remove."""
@@ -163,6 +177,7 @@ class RunFolder:
             yield from leftovers(self.path, name)
         for suffix in policy_files.SUFFIXES:
             yield from leftovers(self.policies, f"{task}_*layers_seed*{suffix}")
+            yield from leftovers(self.stages, f"{task}_*layers_seed*{suffix}")
         yield from leftovers(self.videos, f"{task}_*layers.mp4")
         yield from leftovers(self.replays, f"{task}_*layers.html")
 

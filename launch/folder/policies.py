@@ -22,6 +22,7 @@ class Found(NamedTuple):
     seed: int
     success_rate: float  # in the last test period
     period: int | None = None  # that it was tested in; None: an earlier version's does not say
+    train_episodes: int = 0
 
 
 def find(directory: Path) -> list[Found]:
@@ -56,6 +57,7 @@ def read(file: Path) -> Found:
             seed=_entry(description, "seed", int),
             success_rate=float(_entry(description, "success_rate", int | float)),
             period=_entry(description, "period", int) if "period" in description else None,
+            train_episodes=_entry({"train_episodes": 0, **description}, "train_episodes", int),
         )
     except (OverflowError, ValueError) as error:
         raise CommandError(f"{file} does not describe a policy: {error}") from error

@@ -59,6 +59,9 @@ class Board:
 
     def ended(self, job: Job, outcome: str) -> None:
         self._states[job].outcome = outcome
+        own = [state for other, state in self._states.items() if other.agent == job.agent]
+        if all(state.outcome for state in own) and not self._console.is_terminal:
+            self._print_line(job.agent)
 
     def tick(self) -> None:
         """To be called often: prints the lines again when it is time."""
@@ -69,10 +72,13 @@ class Board:
     def _print_lines(self) -> None:
         self._printed = time.monotonic()
         for agent in self._agents():
-            name, seeds, episodes, success, left = self._cells(agent)
-            self._console.say(
-                f"{name}: {seeds} seed(s), episodes {episodes}, success {success}, {left}"
-            )
+            self._print_line(agent)
+
+    def _print_line(self, agent: Agent) -> None:
+        name, seeds, episodes, success, left = self._cells(agent)
+        self._console.say(
+            f"{name}: {seeds} seed(s), episodes {episodes}, success {success}, {left}"
+        )
 
     def _table(self) -> Table:
         table = Table(box=None, pad_edge=False, header_style="bold")

@@ -1,9 +1,10 @@
 """What a worker does with a job: trains its population, saves its policies, sends its rows."""
 
+import functools
 import math
 import signal
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -32,6 +33,7 @@ class Plan(NamedTuple):
     periods: int
     device: str = "cpu"  # or "cuda"
     keep_final: bool = True  # the state that each seed ends with, for more periods later
+    kept: tuple[int, ...] = ()  # test periods whose policies stay
 
 
 def train_job(job: Job, send: Send, *, plans: Mapping[str, Plan]) -> None:
@@ -69,8 +71,14 @@ def train_job(job: Job, send: Send, *, plans: Mapping[str, Plan]) -> None:
     )
     for result in results:
         rows = [{"task": task, **row} for row in result.rows]
+        folder = RunFolder(plan.out, task)
+        if result.period in plan.kept:
+            folder.stages.mkdir(exist_ok=True)
+            path = functools.partial(folder.stage, subgoal_layers, period=result.period)
+            _save(job, result.policies, rows, plan, path)
         if result.period == plan.periods:
-            _save(job, result.policies, rows, plan)
+            path = functools.partial(folder.policy, subgoal_layers)
+            _save(job, result.policies, rows, plan, path)
         send(Tested(result.period, rows))
 
 
@@ -95,8 +103,14 @@ class _Reporter(hac_suite.Callback):
         self._send(SeedFailed(lost.seed, str(lost)))
 
 
-def _save(job: Job, policies: Sequence[hac_suite.Policy], rows: list[dict], plan: Plan) -> None:
-    folder = RunFolder(plan.out, job.agent.task)
+def _save(
+    job: Job,
+    policies: Sequence[hac_suite.Policy],
+    rows: list[dict],
+    plan: Plan,
+    path: Callable[[int], Path],
+) -> None:
+    """Saves a policy for each row; `path` says where, by seed."""
     for policy, row in zip(policies, rows, strict=True):
         seed = int(row["seed"])
         metadata = {
@@ -108,7 +122,7 @@ def _save(job: Job, policies: Sequence[hac_suite.Policy], rows: list[dict], plan
             "success_rate": float(row["success_rate"]),
             "config": settings.as_json(plan.config),
         }
-        save_policy(policy, folder.policy(job.agent.subgoal_layers, seed), metadata)
+        save_policy(policy, path(seed), metadata)
 
 
 def save_policy(policy: hac_suite.Policy, path: Path, metadata: dict) -> None:

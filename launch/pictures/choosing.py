@@ -10,6 +10,7 @@ import tasks
 from hac_suite.algorithm import exploration
 from launch.asking import settings
 
+MOST_SEED = 2**32 - 1  # of an episode
 _AT_ONCE = 8  # episodes played before it is looked whether they are enough
 
 

@@ -3,6 +3,7 @@
 import contextlib
 from collections.abc import Iterable, Sequence
 from pathlib import Path
+from typing import Any
 
 from rich.table import Table
 
@@ -11,7 +12,7 @@ from analysis.program import CommandError
 from analysis.reading.results import load
 from analysis.report.index import write_index
 from analysis.report.run_report import write_report
-from analysis.statistics.seeds import final_success
+from analysis.statistics.seeds import FEW_SEEDS, final_success
 from hac_suite import policy_files
 from launch.asking import looks
 from launch.asking.console import Console
@@ -53,7 +54,13 @@ def summarise(folder: RunFolder, console: Console) -> None:
     if not results.read(folder.results)[0]:
         return
     try:
-        console.print(_final_table(folder))
+        final = final_success(load(folder.path))
+        console.print(_final_table(folder, final))
+        if final["n"].max() < FEW_SEEDS:
+            console.say(
+                f"note: with fewer than {FEW_SEEDS} seeds the interval is little more than their "
+                "range"
+            )
     except ValueError as error:  # such as a success rate that somebody edited
         console.say(f"warning: {error}")
     shown = (*sorted(folder.videos.glob("*.mp4")), *sorted(folder.replays.glob("*.html")))
@@ -62,11 +69,11 @@ def summarise(folder: RunFolder, console: Console) -> None:
             console.say(str(path))
 
 
-def _final_table(folder: RunFolder) -> Table:
+def _final_table(folder: RunFolder, final: Any) -> Table:
     table = Table(box=None, pad_edge=False, header_style="bold", title_justify="left")
     for heading in ("agent", "seeds", "test period", "success", "95% interval"):
         table.add_column(heading, justify="left" if heading == "agent" else "right")
-    for row in final_success(load(folder.path)).itertuples():
+    for row in final.itertuples():
         interval = f"{row.low:.0%} to {row.high:.0%}" if row.low == row.low else "-"
         agent = str(Agent(folder.task, row.subgoal_layers))
         table.add_row(agent, str(row.n), str(row.period), f"{row.mean:.0%}", interval)

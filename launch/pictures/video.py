@@ -88,6 +88,7 @@ def render_side_by_side(
     output: Path,
     *,
     seed: int,
+    said: str,
     most_bytes: int,
     look: Look = PLAIN,
     task: str | None = None,
@@ -98,12 +99,13 @@ def render_side_by_side(
     Args:
       names: what each policy is called.
       seed: of the episode: all begin from its start.
+      said: of all of them, above them.
       most_bytes: that a WebP or GIF may take.
 
     Returns, Raises:
       As `render`.
     """
-    request = {"columns": list(names), "seed": seed, "most_bytes": most_bytes}
+    request = {"columns": list(names), "seed": seed, "said": said, "most_bytes": most_bytes}
     return _render({**request, **_common(policies, output, look, task)}, BACKENDS, None, tell)
 
 

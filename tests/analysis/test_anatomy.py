@@ -129,7 +129,7 @@ def test_the_legend_lies_outside_the_data_and_counts(folder):
     assert all(ax.get_legend() is None for ax in deep.axes)
     texts = [text.get_text() for text in deep.legends[0].get_texts()]
     assert "level 1's subgoals: 1 of 3 achieved" in texts
-    assert "top level's subgoals: 1 of 2 achieved" in texts
+    assert "level 2's subgoals: 1 of 2 achieved" in texts
     assert deep.get_suptitle() == (
         "1-Object Pick-and-Place, 2 subgoal layers, seed 7: goal achieved in 40 steps"
     )

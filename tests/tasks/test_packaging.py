@@ -1,5 +1,8 @@
 """An installation that is not editable finds its MJCF files and policies too."""
 
+import os
+import subprocess
+import sys
 from pathlib import Path
 
 import setuptools
@@ -25,3 +28,13 @@ def test_every_asset_is_installed_beside_the_tasks(monkeypatch):
     assert installed == assets
     assert {path.suffix for path in assets} == {".xml", ".json", ".safetensors"}
     assert {"tasks", "launch.configs"} <= set(distribution.packages)
+
+
+def test_importing_the_tasks_without_a_display_warns_of_nothing():
+    hidden = {"DISPLAY", "WAYLAND_DISPLAY", "MUJOCO_GL", "PYOPENGL_PLATFORM"}
+    environment = {name: value for name, value in os.environ.items() if name not in hidden}
+    done = subprocess.run(
+        [sys.executable, "-c", "import tasks"],
+        cwd=ROOT, env=environment, capture_output=True, text=True,
+    )  # fmt: skip
+    assert (done.returncode, done.stderr) == (0, "")

@@ -87,6 +87,12 @@ def test_title_axes_and_legend_say_what_is_drawn(make_run):
         "1 subgoal layer (n=3)",
         "2 subgoal layers (n=3)",
     ]
+    said = axes.get_legend().get_title().get_text()
+    assert said.startswith("mean and 95% interval over seeds\n(fewer than 5 seeds: ")
+
+
+def test_the_interval_of_enough_seeds_is_only_an_interval(make_run):
+    axes = _axes(make_run({0: [[0.0, 0.2 * seed] for seed in range(5)]}))
     assert axes.get_legend().get_title().get_text() == "mean and 95% interval over seeds"
 
 

@@ -187,7 +187,7 @@ def test_everything_can_be_read_without_eyes_or_a_mouse(make_run):
         (folder / name).touch()
     shown = Page(write_report(folder))
     assert all(shown.values("img", "alt")) and len(shown.values("img", "alt")) == 4
-    assert shown.values("video", "aria-label") == ["video: pick_place_1layers"]
+    assert shown.values("video", "aria-label") == ["video of the agent with 1 subgoal layer"]
     assert [tag for tag, _ in shown.tags].count("h1") == 1
     assert set(shown.values("th", "scope")) == {"col"}
     assert shown.values("html", "lang") == ["en"]

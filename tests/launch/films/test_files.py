@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from launch.films.files import write_animation, write_mp4
+from launch.films.files import TooLarge, write_animation, write_mp4
 
 
 def frames(count: int = 24) -> list[np.ndarray]:
@@ -46,5 +46,5 @@ def test_an_animation_moves_without_end_and_keeps_to_its_size(tmp_path, suffix):
 
 
 def test_what_cannot_be_made_so_small_says_what_to_do(tmp_path):
-    with pytest.raises(ValueError, match=r"film.webp takes .* MB at the least; .* --size"):
+    with pytest.raises(TooLarge, match=r"it takes .* MB at the least; .* --size"):
         write_animation(frames(), tmp_path / "film.webp", 100)

@@ -48,6 +48,17 @@ def test_an_agent_is_followed_from_waiting_to_done(clock):
         assert lines(board, output, clock)[0].endswith("failed")
 
 
+def test_where_output_is_a_file_an_agent_that_ends_has_a_line_at_once(clock):
+    output = io.StringIO()
+    with progress.Board([FIRST, SECOND, OTHER], 400, Console(file=output, width=200)) as board:
+        board.progressed(FIRST, 400, 1.0)
+        board.ended(FIRST, "done")
+        assert not output.getvalue()  # other seeds of the agent still train
+        board.ended(SECOND, "done")
+    (line,) = output.getvalue().splitlines()
+    assert line.startswith("ur5_reacher, 1 subgoal layer: 4 seed(s)") and line.endswith("done")
+
+
 def test_lines_are_not_printed_at_every_tick(clock):
     output = io.StringIO()
     with progress.Board([FIRST], 400, Console(file=output, width=200)) as board:

@@ -1,0 +1,54 @@
+"""Pictures that explain a run: which tests fail, maps of subgoals and of Q, a failure gallery."""
+
+import functools
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from analysis import program
+from analysis.figures.success import save_png
+from analysis.reading.files import write_atomically
+from analysis.reading.results import load
+from analysis.report.explanations import explanations, recording_command
+
+_HELP = """Draws what explains the agents of a run folder, from the records in it.
+
+  python launch/record_episodes.py --task=ur5_reacher
+  python -m analysis.explain runs/ur5_reacher
+
+The first command makes the records; the report has the same pictures. They are starts.png, which
+tests fail; failures_<k>layers.png, a gallery of them; subgoal_maps.png, where levels put their
+subgoals; values.png, Q over the goals of each level.
+
+Flags:
+{flags}
+
+Exit status: 0; 2 the folder holds no records or no results, or the command was wrong."""
+
+
+def write_explanations(folder: Path) -> list[Path]:
+    """Writes the pictures into the run folder; returns their paths.
+
+    Raises:
+      FileNotFoundError, ValueError: there are no results, or no records.
+    """
+    task = load(folder)["task"].iloc[0]
+    paths = []
+    for shown in explanations(folder, task):
+        paths.append(folder / f"{shown.name}.png")
+        write_atomically(paths[-1], functools.partial(save_png, shown.figure))
+    if not paths:
+        command = recording_command(task, folder)
+        raise ValueError(f"{folder}: nothing is recorded; `{command}` records")
+    return paths
+
+
+def main(argv: Sequence[str]) -> int:
+    """Carries out a command; returns the exit status that --help states."""
+    return program.over_a_folder(
+        _HELP, argv, lambda folder: print(*write_explanations(folder), sep="\n")
+    )
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv))

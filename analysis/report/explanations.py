@@ -1,0 +1,103 @@
+"""Pictures that explain what agents have learnt, from whatever was recorded in a run folder."""
+
+import itertools
+import shlex
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+import pandas as pd
+from matplotlib.figure import Figure
+
+from analysis.figures.maps import draw_subgoal_maps, draw_values
+from analysis.figures.starts import draw_failures, draw_starts
+from analysis.reading import names, paper
+from analysis.reading.episodes import load_episodes
+from analysis.reading.subgoals import load_recorded, load_values
+
+
+class Explanation(NamedTuple):
+    """A picture, what it is called, and what it shows."""
+
+    name: str  # of its file, without suffix
+    figure: Figure
+    description: str
+    caption: str
+
+
+def explanations(folder: Path, task: str) -> Iterator[Explanation]:
+    """Those for which the folder has records, which are whole."""
+    makers: tuple[Callable[[Path, str], Iterator[Explanation]], ...] = (
+        _starts, _gallery, _maps, _values,
+    )  # fmt: skip
+    for make in makers:
+        try:
+            yield from make(folder, task)
+        except (OSError, ValueError, KeyError, TypeError):
+            continue  # not recorded, or damaged: the others can still be seen
+
+
+def recording_command(task: str, folder: Path) -> str:
+    """What records what these pictures show."""
+    run = shlex.quote(str(folder))
+    return f"python launch/record_episodes.py --task={shlex.quote(task)} --run={run}"
+
+
+def _starts(folder: Path, task: str) -> Iterator[Explanation]:
+    del task
+    yield Explanation(
+        "starts",
+        draw_starts(load_recorded(folder, names.STARTS)),
+        "starts and goals of test episodes, by whether the goal was reached",
+        "Which tests fail. A dot is a test episode whose goal was reached, a cross one that "
+        "failed. Crosses that lie together are a part of the task that is not learnt.",
+    )
+
+
+def _gallery(folder: Path, task: str) -> Iterator[Explanation]:
+    episodes = load_episodes(folder, task, names.FAILED_EPISODES)
+    by_agent = sorted(episodes, key=lambda episode: episode.subgoal_layers)
+    for layers, own in itertools.groupby(by_agent, key=lambda episode: episode.subgoal_layers):
+        agent = paper.agent_name(layers)
+        yield Explanation(
+            f"failures_{layers}layers",
+            draw_failures(list(own)),
+            f"paths of test episodes of the agent with {agent} that failed",
+            f"Failures of the agent with {agent}: its path, the end goal in yellow, and subgoals, "
+            "filled where they were achieved.",
+        )
+
+
+def _maps(folder: Path, task: str) -> Iterator[Explanation]:
+    try:
+        table = load_recorded(folder, names.MAPS)
+    except FileNotFoundError:
+        table = _of_the_trained(folder)
+    if table["level"].empty:
+        return
+    yield Explanation(
+        "subgoal_maps",
+        draw_subgoal_maps(table),
+        "density of the subgoals that each level puts, at stages of training",
+        "Where each level puts its subgoals: darker where it puts more. Yellow dots are end goals. "
+        "From left to right as training goes on, where the policies of several test periods were "
+        "kept.",
+    )
+
+
+def _of_the_trained(folder: Path) -> pd.DataFrame:
+    """The high-level subgoals that are recorded for the claims, of trained policies alone."""
+    return pd.read_csv(folder / names.SUBGOALS).assign(train_episodes=-1)
+
+
+def _values(folder: Path, task: str) -> Iterator[Explanation]:
+    agents = [agent for agent in load_values(folder) if agent["levels"]]
+    if agents:
+        yield Explanation(
+            "values",
+            draw_values(agents, task),
+            "Q of each level over its goals, at the start of a test episode",
+            "What each level's critic expects at the start of a test, for every goal that it could "
+            "be given: about minus the attempts that it would need. Bright goals are near for the "
+            "level. Dimensions that are not drawn are as they are, or as in the end goal.",
+        )

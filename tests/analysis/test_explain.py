@@ -1,0 +1,152 @@
+"""Pictures that explain: they show each recorded start, failure, subgoal and value."""
+
+import json
+import shutil
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from analysis.explain import main
+from analysis.figures.maps import draw_subgoal_maps, draw_values
+from analysis.figures.starts import draw_failures, draw_starts
+from analysis.reading import grid, names
+from analysis.reading.episodes import load_episodes, some_planes
+from analysis.report.explanations import explanations
+from analysis.report.run_report import write_report
+
+TASK = "pick_place"
+_SPACE = {"names": ["gripper_x", "gripper_z"], "units": ["m", "m"], "threshold": [0.1, 0.2]}
+
+
+def _key(seed, layers=2, stage=300):
+    return {"task": TASK, "subgoal_layers": layers, "seed": seed, "train_episodes": stage}
+
+
+def _starts():
+    return pd.DataFrame(
+        _key(seed, layers) | {
+            "episode": episode, "success": int(episode != 1), "steps": 50,
+            "start_gripper_x": 0.1 * episode, "start_gripper_z": 0.5,
+            "goal_rod_x": 0.2 * episode, "goal_rod_z": 0.1 * seed,
+        }
+        for layers in (0, 2) for seed in (0, 1) for episode in range(5)
+    )  # fmt: skip
+
+
+def _maps():
+    rows = [
+        _key(0, stage=stage) | {
+            "episode": 0, "level": level, "step": step,
+            "outcome": "achieved" if step < stage / 100 else "missed",
+            "subgoal_gripper_x": 0.1 * step, "subgoal_gripper_z": 0.1 * level,
+            "goal_gripper_x": 0.3, "goal_gripper_z": 0.4,
+        }
+        for stage in (0, 300) for level in (1, 2) for step in range(6)
+    ]  # fmt: skip
+    return pd.DataFrame(rows)
+
+
+def _failed():
+    episode = {"subgoal_layers": 2, "seed": 5, "episode": 3, "success": False, "subgoals": []}
+    path = [[0.1 * step, 0.0] for step in range(6)]
+    return {"task": TASK, "control_timestep": 0.01, "subgoal_space": _SPACE, "goal_space": _SPACE,
+            "episodes": [episode | {"goal": [0.8, 0.1], "path": path}]}  # fmt: skip
+
+
+def _values():
+    level = {"level": 0, "title": "gripper", "names": _SPACE["names"], "units": ["m", "m"],
+             "axes": [[0.0, 1.0, 2.0]] * 2, "q": [[-1, -2, -3], [-4, -5, -6], [-7, -8, -9]],
+             "here": [0.0, 0.0], "goal": [1.0, 2.0]}  # fmt: skip
+    return {"task": TASK, "agents": [{"subgoal_layers": 0, "seed": 1, "levels": [level]}]}
+
+
+@pytest.fixture
+def folder(tmp_path):
+    """A run folder with results and all records."""
+    run = tmp_path / TASK
+    run.mkdir()
+    for name in (names.RESULTS, names.MANIFEST):
+        shutil.copy(grid.FOLDER / TASK / name, run / name)
+    _starts().to_csv(run / names.STARTS, index=False)
+    _maps().to_csv(run / names.MAPS, index=False)
+    (run / names.FAILED_EPISODES).write_text(json.dumps(_failed()))
+    (run / names.VALUES).write_text(json.dumps(_values()))
+    return run
+
+
+def test_every_picture_is_written_and_in_the_report(folder, capsys):
+    assert main(["", str(folder)]) == 0
+    written = [line.rpartition("/")[2] for line in capsys.readouterr().out.split()]
+    assert written == ["starts.png", "failures_2layers.png", "subgoal_maps.png", "values.png"]
+    assert all((folder / name).stat().st_size > 5000 for name in written)
+    page = write_report(folder).read_text()
+    for shown in explanations(folder, TASK):
+        assert shown.description in page
+    assert "Nothing is recorded" not in page
+
+
+def test_without_records_the_command_that_makes_them_is_named(folder, capsys):
+    for name in (names.STARTS, names.MAPS, names.FAILED_EPISODES, names.VALUES):
+        (folder / name).unlink()
+    assert main(["", str(folder)]) == 2
+    assert f"launch/record_episodes.py --task={TASK} --run={folder}" in capsys.readouterr().err
+    assert "launch/record_episodes.py" in write_report(folder).read_text()
+
+
+def test_a_damaged_record_hides_no_other(folder):
+    (folder / names.STARTS).write_text("nonsense")
+    (folder / names.VALUES).write_text("{}")
+    found = [shown.name for shown in explanations(folder, TASK)]
+    assert found == ["failures_2layers", "subgoal_maps"]
+
+
+def test_the_published_subgoals_are_mapped_where_nothing_else_is(folder):
+    (folder / names.MAPS).unlink()
+    shutil.copy(grid.FOLDER / TASK / names.SUBGOALS, folder / names.SUBGOALS)
+    (shown,) = [shown for shown in explanations(folder, TASK) if shown.name == "subgoal_maps"]
+    titles = [ax.get_title() for ax in shown.figure.axes]
+    assert titles[0].startswith("trained, gripper\n")
+
+
+def test_each_test_is_a_dot_or_a_cross():
+    figure = draw_starts(_starts())
+    assert len(figure.axes) == 4  # 2 agents, start and goal
+    for ax in figure.axes:
+        dots, crosses = (part.get_offsets() for part in ax.collections)
+        assert (len(dots), len(crosses)) == (8, 2)
+    assert "2 of 10 tests, 2 seeds fail" in figure.axes[0].get_ylabel()
+    assert np.allclose(figure.axes[0].collections[1].get_offsets()[:, 0], 0.1)
+
+
+def test_maps_count_every_subgoal_once():
+    figure = draw_subgoal_maps(_maps())
+    titles = [ax.get_title() for ax in figure.axes]
+    assert titles == [
+        "untrained, gripper\n6 subgoals, 0% achieved",
+        "after 300 episodes, gripper\n6 subgoals, 50% achieved",
+    ] * 2  # fmt: skip
+    for ax in figure.axes:
+        counts = ax.collections[0].get_array()
+        assert counts.sum() == 6 and counts.count() == 6
+
+
+def test_q_is_drawn_where_its_goal_is():
+    ax = draw_values(_values()["agents"], TASK).axes[0]
+    mesh = ax.collections[0]
+    assert mesh.get_array().tolist() == [[-1, -2, -3], [-4, -5, -6], [-7, -8, -9]]
+    assert "0 subgoal layers, level 0: end goals" in ax.get_title()
+
+
+def test_a_failure_says_how_near_it_came(folder):
+    figure = draw_failures(load_episodes(folder, TASK, names.FAILED_EPISODES))
+    # It ends 0.3 from the goal in x, 3 thresholds of 0.1.
+    assert "nearest: 3.0 thresholds from the goal" in figure.axes[0].get_title()
+    with pytest.raises(ValueError, match="no failure"):
+        draw_failures([])
+
+
+def test_planes_are_told_from_names():
+    assert some_planes(["tip_x", "tip_z", "speed"]) == [("tip", (0, 1))]
+    assert some_planes(["a", "b", "c"]) == [("a and b", (0, 1))]
+    assert some_planes(["a"]) == []
