@@ -1,7 +1,6 @@
 """Publishes a finished run folder: `python launch/publish.py --task=pick_place`."""
 
 import os
-import shutil
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -18,7 +17,7 @@ if __name__ == "__main__":
 from analysis import program
 from analysis.figures.success import write_figure
 from analysis.program import CommandError
-from analysis.reading import grid
+from analysis.reading import files, grid
 from hac_suite import policy_files
 from launch import record_subgoals
 from launch.asking import lists
@@ -31,7 +30,8 @@ _HELP = """Puts a finished run folder where the analysis and play.py look for pu
 
 copies results.csv, figure.csv, figure.png and manifest.json to analysis/data/grid/TASK, replays the
 policies to record their subgoals there, and copies the best seed's policy of each agent to
-assets/policies. A run that has failed for good is shown by the manifest and by the smaller n.
+assets/policies. Each of the two folders is built beside and put in place in one rename: a kill
+leaves it as it was. A run that has failed for good is shown by the manifest and by the smaller n.
 
 Flags:
 {flags}
@@ -77,19 +77,19 @@ def publish(folder: RunFolder, data: Path, chosen: Path) -> list[Path]:
         )
     found = policies.find(folder.policies)
     write_figure(folder.path)
-    output = data / folder.task
-    output.mkdir(parents=True, exist_ok=True)
-    written = [
-        Path(shutil.copy(file, output))
-        for file in (folder.results, folder.figure_numbers, folder.figure, folder.manifest)
+    results = (folder.results, folder.figure_numbers, folder.figure, folder.manifest)
+    with files.swapping(data / folder.task) as output:
+        written = [files.put(file, output) for file in results]
+        written += record_subgoals.record(found, output, record_subgoals.EPISODES)
+    with files.swapping(chosen) as output:
+        best = _publish_policies(folder.task, found, output)
+    return [data / folder.task / file.name for file in written] + [
+        chosen / file.name for file in best
     ]
-    written += record_subgoals.record(found, output, record_subgoals.EPISODES)
-    return written + _publish_policies(folder.task, found, chosen)
 
 
 def _publish_policies(task: str, found: Sequence[policies.Found], chosen: Path) -> list[Path]:
     """Copies the best seed of each agent; those of earlier runs go."""
-    chosen.mkdir(parents=True, exist_ok=True)
     for earlier in policies.find(chosen):
         if earlier.task == task:
             for file in policy_files.paths(earlier.path):
@@ -97,7 +97,7 @@ def _publish_policies(task: str, found: Sequence[policies.Found], chosen: Path) 
     written = []
     for layers in sorted({policy.subgoal_layers for policy in found}):
         best = policies.best([policy for policy in found if policy.subgoal_layers == layers])
-        written += [Path(shutil.copy(file, chosen)) for file in policy_files.paths(best.path)]
+        written += [files.put(file, chosen) for file in policy_files.paths(best.path)]
     return written
 
 

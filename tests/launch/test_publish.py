@@ -1,11 +1,17 @@
 """Publishing a run folder: what is copied, which policy is the best, and what is refused."""
 
+import functools
 import json
+import os
 import shutil
+import signal
+import types
+from pathlib import Path
 
 import pytest
 
-from analysis.reading import grid
+from analysis.reading import files, grid
+from hac_suite import policy_files
 from launch import play, publish
 from launch.folder import policies
 from launch.folder.layout import RunFolder
@@ -55,6 +61,107 @@ def test_a_folder_with_runs_to_finish_is_refused(folder, capsys):
     printed = capsys.readouterr().err
     assert "1 of its 6 runs are not finished" in printed and printed.count("\n") == 1
     assert not (folder.path.parent.parent / "data").exists()
+
+
+def killed_at(step: int):
+    """What makes a process die by SIGKILL at its file operation of that number."""
+
+    def counted(function):
+        def dying(*arguments, **others):
+            steps[0] += 1
+            if steps[0] == step:
+                os.kill(os.getpid(), signal.SIGKILL)
+            return function(*arguments, **others)
+
+        return dying
+
+    steps = [0]
+    for module, name in (
+        (os, "link"), (os, "replace"), (os, "unlink"), (shutil, "copy"), (files, "_exchange"),
+    ):  # fmt: skip
+        setattr(module, name, counted(getattr(module, name)))
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    return {str(file.relative_to(folder)): file.read_bytes() for file in folder.rglob("*.*")}
+
+
+def test_a_kill_while_publishing_leaves_what_was_published_or_all_of_the_new(
+    folder, tmp_path, monkeypatch
+):
+    """Killed at each of its file operations; another agent's policy stays the same file."""
+    assert command(folder) == 0
+    monkeypatch.setattr(publish, "write_figure", lambda path: None)  # it is drawn
+    others = tmp_path / "policies" / "pick_place_0layers_seed0"
+    described = {"task": "pick_place", "subgoal_layers": 0, "seed": 0, "success_rate": 0.5}
+    policy_files.write(others, {}, described)
+    places = [tmp_path / "data" / TASK, tmp_path / "policies"]
+    before = [contents(place) for place in places]
+    untouched = [file.stat().st_ino for file in policy_files.paths(others)]
+    shutil.rmtree(folder.path / "replays", ignore_errors=True)
+    for file in folder.policies.glob("*seed1.json"):  # another seed is the best one now
+        file.write_text(file.read_text().replace('"success_rate": 0.75', '"success_rate": 0.0'))
+    folder.results.write_text(folder.results.read_text().replace(",0.0,", ",0.125,"))
+    whole = tmp_path / "whole"
+    for place in places:
+        shutil.copytree(place, whole / place.relative_to(tmp_path))
+    publish.publish(folder, whole / "data", whole / "policies")
+    after = [contents(whole / place.relative_to(tmp_path)) for place in places]
+    assert all(old != new for old, new in zip(before, after, strict=True))
+    step, status, seen = 0, -signal.SIGKILL, set()
+    while status == -signal.SIGKILL:
+        step += 1
+        status = in_a_fork(functools.partial(killed_at, step), lambda: command(folder))
+        now = [contents(place) for place in places]
+        for held, old, new in zip(now, before, after, strict=True):
+            assert held in (old, new), step
+            seen.add(held == new)
+        assert [file.stat().st_ino for file in policy_files.paths(others)] == untouched
+    assert status == 0 and step > 20 and seen == {True, False}
+    assert {path.name for path in tmp_path.iterdir()} == {"runs", "data", "policies", "whole"}
+    assert [path.name for path in (tmp_path / "data").iterdir()] == [TASK]
+    assert not [file for place in places for file in place.rglob(".*")]
+
+
+def in_a_fork(first, work) -> int:
+    """The exit status of a forked process that does both; minus the signal that ended it."""
+    process = os.fork()
+    if not process:
+        status = 99
+        try:
+            first()
+            status = work()
+        finally:
+            os._exit(status)
+    return os.waitstatus_to_exitcode(os.waitpid(process, 0)[1])
+
+
+def test_without_a_rename_that_exchanges_files_are_moved_one_by_one(tmp_path, monkeypatch):
+    """As on macOS, and on some network disks."""
+    monkeypatch.setattr(files.ctypes, "CDLL", lambda _: types.SimpleNamespace())
+    (tmp_path / "place" / "below").mkdir(parents=True)
+    for name in ("stays", "changes", "goes", "below/stays"):
+        (tmp_path / "place" / name).write_text("old")
+    with files.swapping(tmp_path / "place") as beside:
+        (beside / "goes").unlink()
+        (beside / "new").write_text("new")
+        files.write_text(beside / "changes", "new")
+    found = {
+        str(f.relative_to(tmp_path)): f.read_text() for f in tmp_path.rglob("*") if f.is_file()
+    }
+    assert found == {
+        "place/stays": "old", "place/changes": "new", "place/new": "new", "place/below/stays": "old"
+    }  # fmt: skip
+
+
+def test_a_swap_that_fails_leaves_the_folder_as_it_was(tmp_path):
+    (tmp_path / "place").mkdir()
+    (tmp_path / "place" / "file").write_text("old")
+    with pytest.raises(OSError, match="disk full"), files.swapping(tmp_path / "place") as beside:
+        (beside / "file").unlink()
+        raise OSError("disk full")
+    assert (tmp_path / "place" / "file").read_text() == "old"
+    assert [path.name for path in tmp_path.iterdir()] == ["place"]
 
 
 def test_bad_words_are_answered_in_one_line(capsys, tmp_path):
