@@ -37,7 +37,7 @@ ROOMS = {
     "launch/tuning": {"asking", "folder", "jobs"},
     "launch/pictures": {"asking", "folder", "jobs"},
     "launch/drawing": {"pictures"},
-    "launch/films": {"drawing", "pictures"},
+    "launch/films": {"asking", "drawing", "pictures"},
     "launch/viewing": {"asking", "folder", "jobs", "pictures"},
     "tasks/families": {".", "robots"},
     "tasks/robots": {"."},

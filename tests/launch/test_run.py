@@ -54,7 +54,7 @@ def test_a_small_experiment_from_another_folder(experiment):
     assert manifest["config"]["episodes_per_period"] == 4
     assert {path.name for path in folder.iterdir() if not path.name.startswith(".")} == {
         "manifest.json", "results.csv", "figure.png", "figure.csv", "report.html", "policies",
-        "videos",
+        "checkpoints", "videos",
     }  # fmt: skip
 
 

@@ -113,7 +113,8 @@ def test_a_training_keeps_the_policies_of_the_periods_that_are_named(tmp_path, t
 
 
 def test_kept_policies_of_periods_that_are_trained_again_go(run):
-    run.prepare({(2, 0): [{}] * 4})  # periods 0 to 3 are behind
+    row = {"task": TASK, "subgoal_layers": 2, "seed": 0}
+    run.prepare({(2, 0): [{**row, "period": period} for period in range(4)]})  # are behind
     assert [policy.path for policy in policies.find(run.stages)] == [
         run.stage(2, 0, 0), run.stage(2, 0, 3),
     ]  # fmt: skip
