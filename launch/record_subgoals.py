@@ -1,6 +1,6 @@
 """Records what policies' subgoals come to: `python launch/record_subgoals.py --task=TASK`."""
 
-import csv
+import itertools
 import json
 import sys
 from collections.abc import Iterator, Sequence
@@ -18,20 +18,20 @@ if __name__ == "__main__":
 
 import numpy as np
 
-import hac_suite
 import tasks
 from analysis import program
 from analysis.program import CommandError
 from analysis.reading import names
-from analysis.reading.files import write_atomically, write_text
+from analysis.reading.files import write_text
 from launch.asking import lists
 from launch.folder import policies
-from launch.pictures.subgoal_log import Replayed, replay
+from launch.pictures.subgoal_log import Replayed
+from launch.recording import tables
+from launch.recording.anatomy import anatomy
 
 EPISODES = 32  # of each policy
 
 _HIGH = 2  # levels from here on propose subgoals to a level that proposes subgoals itself
-_DIGITS = 3  # millimetres
 # Observed quantities that a claim about the task's subgoals needs beside positions.
 _CONDITIONS = {"pick_place": ("attached",)}
 _HELP = """Replays test episodes of trained policies and records their subgoals for the analysis.
@@ -80,10 +80,10 @@ def record(found: Sequence[policies.Found], output: Path, episodes: int) -> list
     Raises:
       CommandError: a policy cannot be loaded or run.
     """
-    replays = [_replay(policy.path, episodes) for policy in found]
+    replays = [tables.replayed(policy.path, episodes) for policy in found]
     output.mkdir(parents=True, exist_ok=True)
     table, episodes_file = output / names.SUBGOALS, output / names.ANATOMY
-    write_atomically(table, lambda path: _write_table(replays, path))
+    tables.write(table, _head(found[0].task), itertools.chain.from_iterable(map(_rows, replays)))
     episode_of_each_agent = [_typical(replays, layers) for layers in _agents(found)]
     described = anatomy(episode_of_each_agent, found[0].task)
     write_text(episodes_file, json.dumps(described) + "\n")
@@ -94,40 +94,28 @@ def _agents(found: Sequence[policies.Found]) -> list[int]:
     return sorted({policy.subgoal_layers for policy in found})
 
 
-def _replay(path: Path, episodes: int) -> Replayed:
-    try:
-        return replay(hac_suite.Policy.load(path), episodes)
-    except (KeyError, TypeError, ValueError) as error:
-        raise CommandError(f"policy {path}: {error}") from error
-
-
-def _write_table(replays: Sequence[Replayed], path: Path) -> None:
-    """A row per high-level subgoal, policy by policy, in the order of time."""
-    task = replays[0].policy.metadata["task"]
+def _head(task: str) -> list[str]:
+    """The columns of subgoals.csv."""
     spec = tasks.spec(task)
-    space, goals = spec.subgoal_space.names, spec.goal_space.names
-    conditions = _condition_columns(task)
-    with path.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(
-            ["task", "subgoal_layers", "seed", "episode", "level", "step", "end_step", "outcome"]
-            + [f"{kind}_{name}" for kind in ("subgoal", "start", "end") for name in space]
-            + [f"goal_{name}" for name in goals]
-            + list(conditions)
-        )
-        for played in replays:
-            writer.writerows(_rows(played, list(conditions.values())))
+    return [
+        *("task", "subgoal_layers", "seed", "episode", "level", "step", "end_step", "outcome"),
+        *tables.points(spec.subgoal_space.names, "subgoal", "start", "end"),
+        *tables.points(spec.goal_space.names, "goal"),
+        *_condition_columns(task),
+    ]
 
 
-def _rows(played: Replayed, conditions: list[int]) -> Iterator[list[Any]]:
+def _rows(played: Replayed) -> Iterator[list[Any]]:
+    """A row for each high-level subgoal, in the order of time."""
     metadata, layers = played.policy.metadata, played.policy.subgoal_layers
+    conditions = list(_condition_columns(metadata["task"]).values())
     high = [subgoal for subgoal in played.subgoals if subgoal.level >= _HIGH]
     for s in sorted(high, key=lambda s: (s.episode, s.level, s.step)):
         places = [*s.subgoal, *s.start, *s.end, *played.goal[s.episode], *s.observation[conditions]]
         yield [
             metadata["task"], layers, metadata["seed"],
             s.episode, s.level, s.step, s.end_step, s.outcome,
-            *(f"{value:.{_DIGITS}f}" for value in places),
+            *tables.rounded(places),
         ]  # fmt: skip
 
 
@@ -153,54 +141,6 @@ def _typical(replays: Sequence[Replayed], layers: int) -> tuple[Replayed, int]:
             order = won[np.argsort(played.stats.steps[won], kind="stable")]
             return played, int(order[len(order) // 2])
     return median, 0
-
-
-def anatomy(chosen: Sequence[tuple[Replayed, int]], task: str) -> dict[str, Any]:
-    """The episodes with all their subgoals, and the spaces that these are points of."""
-    spec = tasks.spec(task)
-    spaces = {"subgoal_space": spec.subgoal_space, "goal_space": spec.goal_space}
-    described = {
-        name: {
-            "names": list(space.names),
-            "units": list(space.units),
-            "threshold": space.threshold.tolist(),
-        }
-        for name, space in spaces.items()
-    }
-    episodes = [_episode(played, index) for played, index in chosen]
-    return {
-        "task": task,
-        "control_timestep": spec.control_timestep,
-        **described,
-        "episodes": episodes,
-    }
-
-
-def _episode(played: Replayed, index: int) -> dict[str, Any]:
-    steps = int(played.stats.steps[index])
-    return {
-        "subgoal_layers": played.policy.subgoal_layers,
-        "seed": played.policy.metadata["seed"],
-        "episode": index,
-        "success": bool(played.stats.success[index]),
-        "goal": _rounded(played.goal[index]),
-        "path": [_rounded(point) for point in played.path[: steps + 1, index]],
-        "subgoals": [
-            {
-                "level": subgoal.level,
-                "step": subgoal.step,
-                "end_step": subgoal.end_step,
-                "outcome": subgoal.outcome,
-                "subgoal": _rounded(subgoal.subgoal),
-            }
-            for subgoal in sorted(played.subgoals, key=lambda s: (s.level, s.step))
-            if subgoal.episode == index
-        ],
-    }
-
-
-def _rounded(point: np.ndarray) -> list[float]:
-    return [round(float(value), _DIGITS) for value in point]
 
 
 if __name__ == "__main__":

@@ -37,6 +37,7 @@ ROOMS = {
     "launch/tuning": {"asking", "folder", "jobs"},
     "launch/pictures": {"asking", "folder", "jobs"},
     "launch/drawing": {"pictures"},
+    "launch/recording": {"asking", "folder", "pictures"},
     "launch/films": {"asking", "drawing", "pictures"},
     "launch/viewing": {"asking", "folder", "jobs", "pictures"},
     "tasks/families": {".", "robots"},

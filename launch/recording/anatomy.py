@@ -1,0 +1,59 @@
+"""Whole episodes as JSON: the path, and every subgoal with what came of it."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+import tasks
+from launch.pictures.subgoal_log import Replayed
+
+_DIGITS = 3  # millimetres
+
+
+def anatomy(chosen: Sequence[tuple[Replayed, int]], task: str) -> dict[str, Any]:
+    """The episodes with all their subgoals, and the spaces that these are points of."""
+    spec = tasks.spec(task)
+    spaces = {"subgoal_space": spec.subgoal_space, "goal_space": spec.goal_space}
+    described = {
+        name: {
+            "names": list(space.names),
+            "units": list(space.units),
+            "threshold": space.threshold.tolist(),
+        }
+        for name, space in spaces.items()
+    }
+    episodes = [_episode(played, index) for played, index in chosen]
+    return {
+        "task": task,
+        "control_timestep": spec.control_timestep,
+        **described,
+        "episodes": episodes,
+    }
+
+
+def _episode(played: Replayed, index: int) -> dict[str, Any]:
+    steps = int(played.stats.steps[index])
+    return {
+        "subgoal_layers": played.policy.subgoal_layers,
+        "seed": played.policy.metadata["seed"],
+        "episode": index,
+        "success": bool(played.stats.success[index]),
+        "goal": _rounded(played.goal[index]),
+        "path": [_rounded(point) for point in played.path[: steps + 1, index]],
+        "subgoals": [
+            {
+                "level": subgoal.level,
+                "step": subgoal.step,
+                "end_step": subgoal.end_step,
+                "outcome": subgoal.outcome,
+                "subgoal": _rounded(subgoal.subgoal),
+            }
+            for subgoal in sorted(played.subgoals, key=lambda s: (s.level, s.step))
+            if subgoal.episode == index
+        ],
+    }
+
+
+def _rounded(point: np.ndarray) -> list[float]:
+    return [round(float(value), _DIGITS) for value in point]
