@@ -10,8 +10,8 @@ from tasks.worlds import judging
 from tasks.worlds.settings import Settings
 
 EPISODES = 32
-_LANES = 4
-_MORE_GOALS = 16  # resets of all lanes from either kind of start, for their end goals
+_COPIES = 4
+_MORE_GOALS = 16  # resets of all copies from either kind of start, for their end goals
 _MOST_STEPS = 20_000
 _HOLDS = (1, 3, 10, 30)  # steps for which an episode keeps an action
 _TAIL = 0.005  # share of what was seen that may lie beyond each bound
@@ -130,15 +130,15 @@ def random_episodes(
     They are fewer where they are long.
     """
     most = max(8, _MOST_STEPS // about.max_steps)
-    rounds = max(2, min(episodes, most) // _LANES)
-    env, parts = env_of(_LANES), []
+    rounds = max(2, min(episodes, most) // _COPIES)
+    env, parts = env_of(_COPIES), []
     rng = np.random.default_rng(seed)
     for test in (False, True) * (rounds // 2):
-        act = random_actions(about, _LANES, int(rng.integers(2**32)))
-        seeds = rng.integers(2**32, size=_LANES)
+        act = random_actions(about, _COPIES, int(rng.integers(2**32)))
+        seeds = rng.integers(2**32, size=_COPIES)
         parts.append(play(env, about.judge, act, seeds, test=test))
     asked = [
-        env.reset(rng.integers(2**32, size=_LANES), test=test).desired_goal
+        env.reset(rng.integers(2**32, size=_COPIES), test=test).desired_goal
         for test in (False, True) * _MORE_GOALS
     ]
     played = joined(parts)

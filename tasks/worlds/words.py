@@ -10,7 +10,7 @@ from typing import Any
 
 from tasks import registry
 from tasks.worlds import fitted, making, settings
-from tasks.worlds.lanes import Options
+from tasks.worlds.copies import Options
 from tasks.worlds.world import World
 
 _PREFIX = "gym:"

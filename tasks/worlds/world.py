@@ -8,7 +8,7 @@ import numpy as np
 
 from tasks import vector
 from tasks.worlds import estimates, fitted, judging, making
-from tasks.worlds.lanes import Lane, Options, Pool, View, compute_reward, finite
+from tasks.worlds.copies import EnvCopy, Options, Pool, View, compute_reward, finite
 
 _NO_LIMIT = (
     "{word}: it has no time limit of its own: say after how many steps an episode ends, as in "
@@ -86,12 +86,12 @@ class World:
         self.judge = self._own_judge() if self.judged_by_reward else self._box()
 
     def _own_judge(self) -> judging.Judge:
-        reader, lane = self.pool.reader, self.pool.lanes(1)[0]
+        reader, copy = self.pool.reader, self.pool.copies(1)[0]
         low, high = self.pool.actions.low.ravel(), self.pool.actions.high.ravel()
         pairs, rng = [], np.random.default_rng(0)
         for seed in range(_PAIRS):
-            views = [lane.reset(seed, self.pool.options.train, None)]
-            views.append(lane.step(rng.uniform(low, high))[0])
+            views = [copy.reset(seed, self.pool.options.train, None)]
+            views.append(copy.step(rng.uniform(low, high))[0])
             pairs += [(view.achieved_goal, view.desired_goal) for view in views if finite(view)]
         achieved, goals = (np.stack(part) for part in zip(*pairs, strict=True))
         return judging.by_reward(
@@ -146,7 +146,7 @@ class Adapter:
         vector.check_number(num_envs)
         self.num_envs, self.max_steps = num_envs, world.max_steps
         self._world, self._pool = world, world.pool
-        self._lanes: list[Lane] = self._pool.lanes(num_envs)
+        self._copies: list[EnvCopy] = self._pool.copies(num_envs)
         self.action_low = self._pool.actions.low.ravel().astype(np.float64)
         self.action_high = self._pool.actions.high.ravel().astype(np.float64)
         self.control_timestep = world.control_timestep
@@ -170,9 +170,9 @@ class Adapter:
             raise ValueError(f"seeds must be {self.num_envs} integers in [0, 2**32), got {seeds}")
         options = self._pool.options.test if test else self._pool.options.train
         for i in self._chosen(mask):
-            lane, seed = self._lanes[i], int(seeds[i])
-            lane.owner = self
-            view = lane.reset(seed, options, self._draw_goal(seed))
+            copy, seed = self._copies[i], int(seeds[i])
+            copy.owner = self
+            view = copy.reset(seed, options, self._draw_goal(seed))
             self._steps[i], self._over[i] = 0, False
             self._show(i, view, diverged=not finite(view), failed=False)
         return self._fresh()
@@ -206,13 +206,13 @@ class Adapter:
         return self._fresh()
 
     def _step_one(self, i: int, action: np.ndarray) -> None:
-        lane = self._lanes[i]
-        if lane.owner is not self:
+        copy = self._copies[i]
+        if copy.owner is not self:
             raise RuntimeError(_TAKEN.format(word=self._world.word))
         if not np.isfinite(action).all():
             raise ValueError(f"environment {i}: actions must be finite, got {action}")
         try:
-            view, terminated, truncated, _ = lane.step(
+            view, terminated, truncated, _ = copy.step(
                 np.clip(action, self.action_low, self.action_high)
             )
         except Exception as error:  # another's step can raise anything
@@ -223,7 +223,7 @@ class Adapter:
         self._steps[i] += 1
         self._over[i] = terminated or truncated
         ended = self._over[i] and self._steps[i] < self.max_steps
-        if not finite(view) or lane.broke_down():
+        if not finite(view) or copy.broke_down():
             self._show(i, None, diverged=True, failed=False)
             return
         if ended:
@@ -269,7 +269,7 @@ class Adapter:
         """
         del camera  # it has one of its own
         try:
-            picture: Any = self._lanes[i].env.render()
+            picture: Any = self._copies[i].env.render()
         except NotImplementedError:
             picture = None
         if not isinstance(picture, np.ndarray) or picture.ndim != 3:

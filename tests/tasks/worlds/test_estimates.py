@@ -6,8 +6,8 @@ import pytest
 import hac_suite
 import tasks
 from tasks.worlds import estimates, fitted, seen
+from tasks.worlds.copies import Options
 from tasks.worlds.estimates import Played
-from tasks.worlds.lanes import Options
 from tasks.worlds.world import World
 from tests.tasks.worlds import toys
 

@@ -9,7 +9,7 @@ import pytest
 
 import tasks
 from tasks.worlds import estimates, making
-from tasks.worlds.lanes import Options
+from tasks.worlds.copies import Options
 from tasks.worlds.world import World
 from tests.tasks.worlds import toys
 
@@ -86,7 +86,7 @@ def test_a_wrong_word_is_answered_in_one_line(word, problem):
 
 
 def test_frames_are_asked_for_where_there_are_some():
-    assert tasks.find(POINT).load_vector(1)._env._lanes[0].env.unwrapped.render_mode == "rgb_array"
+    assert tasks.find(POINT).load_vector(1)._env._copies[0].env.unwrapped.render_mode == "rgb_array"
     assert making.maker("p", "HacToy/Plain-v0", {})().unwrapped.render_mode is None
 
 

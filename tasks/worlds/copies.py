@@ -196,7 +196,7 @@ def _indices(what: str, text: str, size: int, more: str = "") -> np.ndarray:
     return np.array(found)
 
 
-class Lane:
+class EnvCopy:
     """A copy of the environment. Its episodes depend on their seeds only."""
 
     def __init__(self, env: gymnasium.Env, reader: Reader, seeds_global: bool):
@@ -279,54 +279,54 @@ class Pool:
         self.actions = making.check_actions(word, first.action_space)
         self.reader = Reader(word, first, options)
         self._seeds_global = False
-        self._lanes = [Lane(first, self.reader, False)]
+        self._copies = [EnvCopy(first, self.reader, False)]
         self._check_seeds()
-        self.reader.learn_what_is_there(self._probe(self._lanes[0]))
+        self.reader.learn_what_is_there(self._probe(self._copies[0]))
 
     @property
     def env(self) -> gymnasium.Env:
         """The first copy, for what does not change between episodes."""
-        return self._lanes[0].env
+        return self._copies[0].env
 
     @property
     def options(self) -> Options:
         return self._options
 
-    def lanes(self, count: int) -> list[Lane]:
+    def copies(self, count: int) -> list[EnvCopy]:
         """The first `count` copies."""
-        while len(self._lanes) < count:
-            self._lanes.append(Lane(self._make(), self.reader, self._seeds_global))
-        return self._lanes[:count]
+        while len(self._copies) < count:
+            self._copies.append(EnvCopy(self._make(), self.reader, self._seeds_global))
+        return self._copies[:count]
 
     def close(self) -> None:
         """Closes all copies but the first."""
-        while len(self._lanes) > 1:
-            self._lanes.pop().env.close()
+        while len(self._copies) > 1:
+            self._copies.pop().env.close()
 
     def _check_seeds(self) -> None:
         """Plays one seed three times, the third time in a copy of its own."""
-        lane = self._lanes[0]
-        different = self._differ(lane, self.lanes(2)[1])
+        copy = self._copies[0]
+        different = self._differ(copy, self.copies(2)[1])
         if different:
             self._seeds_global = True
-            self._lanes = [Lane(own.env, self.reader, True) for own in self._lanes]
-            if self._differ(*self._lanes):
+            self._copies = [EnvCopy(own.env, self.reader, True) for own in self._copies]
+            if self._differ(*self._copies):
                 raise ValueError(_UNDETERMINED.format(word=self.word, what=different))
             self.notes.append(GLOBAL_RANDOM)
 
-    def _differ(self, lane: Lane, other: Lane) -> str:
+    def _differ(self, copy: EnvCopy, other: EnvCopy) -> str:
         """What differs between episodes of one seed, if anything does."""
-        first, again, elsewhere = self._probe(lane), self._probe(lane), self._probe(other)
+        first, again, elsewhere = self._probe(copy), self._probe(copy), self._probe(other)
         for step, shown in enumerate(zip(first, again, elsewhere, strict=True)):
             for fields in zip(*shown, strict=True):
                 if not all(np.array_equal(fields[0], own, equal_nan=True) for own in fields[1:]):
                     return "what follows from actions" if step else "the start and goal"
         return ""
 
-    def _probe(self, lane: Lane) -> list[View]:
+    def _probe(self, copy: EnvCopy) -> list[View]:
         """The start of an episode of one seed."""
         rng = np.random.default_rng(_PROBE_SEED)
         low, high = self.actions.low.ravel(), self.actions.high.ravel()
-        views = [lane.reset(_PROBE_SEED, self._options.train, None)]
-        views += [lane.step(rng.uniform(low, high))[0] for _ in range(_PROBE_STEPS)]
+        views = [copy.reset(_PROBE_SEED, self._options.train, None)]
+        views += [copy.step(rng.uniform(low, high))[0] for _ in range(_PROBE_STEPS)]
         return views
