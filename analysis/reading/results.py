@@ -1,10 +1,11 @@
 """Reads results.csv of one or several run folders into one tidy table, and a run's manifest."""
 
+import contextlib
 import csv
 import io
 import json
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -14,12 +15,15 @@ import pandas as pd
 from analysis.reading import files, names, paper, schema
 
 _LARGEST_WHOLE = 2**53
+_PART = 16 * 2**20  # bytes parsed at a time: a part takes several times its size
+_UNUSUAL = (b'"', b"\r", b"\0", b"\n\n")
 _MOST_BYTES = 2**31  # several million rows
 _SHARES = {
     schema.level_column(level, field)
     for level in range(schema.MAX_LEVELS)
     for field in schema.SHARES
 }
+_KNOWN = {*schema.CORE_COLUMNS, *schema.RESULTS_COLUMNS}
 _MISSING_FILE = (
     "{path}: no results.csv here; give a run folder such as runs/pick_place, or the file"
 )
@@ -52,7 +56,8 @@ def load(paths: str | Path | Sequence[str | Path]) -> pd.DataFrame:
         paths = [paths]
     if not paths:
         raise ValueError("no run folder given")
-    results = pd.concat([_load_file(results_file(path)) for path in paths], ignore_index=True)
+    tables = [_load_file(results_file(path)) for path in paths]
+    results = pd.concat(tables, ignore_index=True) if len(tables) > 1 else tables[0]
     _check_unique(results)
     return results.sort_values(list(schema.KEY), ignore_index=True)
 
@@ -68,6 +73,14 @@ def results_file(path: str | Path) -> Path:
 
 
 def _load_file(path: Path) -> pd.DataFrame:
+    # Line by line, which can say what is wrong with which, takes minutes for a million rows.
+    with contextlib.suppress(ValueError):
+        table = _read_plain(path)
+        return _typed(table, table, path)
+    return _load_lines(path)
+
+
+def _load_lines(path: Path) -> pd.DataFrame:
     lines = read_lines(path)
     if lines.cut_short:
         warnings.warn(_CUT_SHORT.format(path=path), stacklevel=3)
@@ -75,8 +88,50 @@ def _load_file(path: Path) -> pd.DataFrame:
         raise NoResults(_NO_ROWS.format(path=path))
     # The index holds line numbers until the values are checked, to name the line of a bad one.
     table = pd.DataFrame.from_dict(lines.rows, orient="index", columns=lines.columns, dtype=object)
-    later = [name for name in schema.RESULTS_COLUMNS if name not in table]
-    return _convert(table, path).reindex(columns=[*table.columns, *later])
+    return _typed(_numbers(table, path), table, path)
+
+
+def _read_plain(path: Path) -> pd.DataFrame:
+    """A table of numbers and empty cells, but for the task: quickly, and nothing else.
+
+    Raises:
+      ValueError: there is something to say or to mend, which takes reading it line by line.
+    """
+    content = files.read_bytes(path, _MOST_BYTES)
+    if not content.endswith(b"\n") or any(sign in content for sign in _UNUSUAL):
+        raise ValueError(f"{path}: not plainly a table")
+    head, body = content.split(b"\n", 1)
+    del content
+    columns = head.decode("utf-8").split(",")
+    types = {name: "category" if name == "task" else "float64" for name in columns}
+    _check_columns(columns, path)
+    table = pd.concat([_parse(part, columns, types) for part in _parts(body)], ignore_index=True)
+    return table.astype({"task": str})
+
+
+def _parts(body: bytes) -> Iterator[bytes]:
+    """Whole lines, of about `_PART` bytes together."""
+    start = 0
+    while start < len(body):
+        end = body.find(b"\n", start + _PART) + 1 or len(body)
+        yield body[start:end]
+        start = end
+
+
+def _parse(part: bytes, columns: list[str], types: dict[str, str]) -> pd.DataFrame:
+    signs = np.frombuffer(part, np.uint8)
+    ends = np.flatnonzero(signs == ord("\n"))
+    commas = np.searchsorted(np.flatnonzero(signs == ord(",")), ends)
+    if (np.diff(commas, prepend=0) != len(columns) - 1).any():  # pandas would fill up a short line
+        raise ValueError("lines differ in length")
+    return pd.read_csv(
+        io.BytesIO(part),
+        names=columns,
+        dtype=types,
+        index_col=False,
+        keep_default_na=False,
+        na_values=["", "nan"],
+    )
 
 
 class Lines(NamedTuple):
@@ -112,7 +167,7 @@ def read_lines(path: Path) -> Lines:
     return Lines(columns, dict(numbered), cut_short=whole != text)
 
 
-def _check_columns(columns: list[str], path: Path) -> None:
+def _check_columns(columns: Sequence[str], path: Path) -> None:
     repeated = sorted({name for name in columns if columns.count(name) > 1})
     if repeated:
         raise ValueError(_REPEATED_COLUMNS.format(path=path, names=", ".join(repeated)))
@@ -121,20 +176,29 @@ def _check_columns(columns: list[str], path: Path) -> None:
         raise ValueError(_MISSING_COLUMNS.format(path=path, names=", ".join(missing)))
 
 
-def _convert(table: pd.DataFrame, path: Path) -> pd.DataFrame:
-    """Gives each column its type; empty diagnostics become NaN."""
-    known = set(schema.CORE_COLUMNS + schema.RESULTS_COLUMNS) - {"task"}
-    for column in table.columns:
-        numbers = pd.to_numeric(table[column], errors="coerce").astype(float)
-        unreadable = numbers.isna() & ~table[column].str.strip().str.lower().isin(["", "nan"])
+def _numbers(written: pd.DataFrame, path: Path) -> pd.DataFrame:
+    """Cells as numbers, but for columns of words; empty ones become NaN."""
+    table, known = written.copy(), _KNOWN - {"task"}
+    for column in written.columns:
+        numbers = pd.to_numeric(written[column], errors="coerce").astype(float)
+        unreadable = numbers.isna() & ~written[column].str.strip().str.lower().isin(["", "nan"])
         if column in known:
-            _check(~unreadable, table[column], path, "a number")
+            _check(~unreadable, written[column], path, "a number")
         if column in known or not unreadable.any():
-            _check_range(numbers, table[column], path)
             table[column] = numbers
-    _check(table["task"].astype(str).str.strip() != "", table["task"], path, "a task's name")
-    table["task"] = table["task"].astype(str)
-    return table.astype(dict.fromkeys(schema.WHOLE_NUMBERS, "int64")).reset_index(drop=True)
+    return table
+
+
+def _typed(table: pd.DataFrame, written: pd.DataFrame, path: Path) -> pd.DataFrame:
+    """The table with all columns of this version, once no value is out of its range."""
+    for column in [name for name in table.columns if name in _KNOWN and name != "task"]:
+        _check_range(table[column], written[column], path)
+    task = table["task"].astype(str)
+    _check(task.str.strip() != "", written["task"], path, "a task's name")
+    later = [name for name in schema.RESULTS_COLUMNS if name not in table]
+    types = {**dict.fromkeys(schema.WHOLE_NUMBERS, "int64"), "task": str}
+    table = table.astype(types).reset_index(drop=True)
+    return table.reindex(columns=[*table.columns, *later]) if later else table
 
 
 def _check_range(numbers: pd.Series, written: pd.Series, path: Path) -> None:

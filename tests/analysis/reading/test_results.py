@@ -6,7 +6,7 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
-from analysis.reading import schema
+from analysis.reading import grid, results, schema
 from analysis.reading.results import load
 
 CURVES = {0: [[0.0, 0.25]], 1: [[0.0, 0.5], [0.25, 1.0]]}
@@ -67,6 +67,31 @@ def test_windows_line_ends_and_blank_lines_are_read(make_run):
     path = folder / "results.csv"
     path.write_bytes(path.read_bytes().replace(b"\n", b"\r\n") + b"\r\n")
     assert len(load(folder)) == 6
+
+
+@pytest.mark.parametrize("folder", sorted(grid.FOLDER.glob("*/")), ids=lambda path: path.name)
+def test_the_quick_reading_equals_the_careful_one(folder, monkeypatch):
+    monkeypatch.setattr(results, "_PART", 20_000)  # several parts
+    found = load(folder)
+    monkeypatch.setattr(results, "_load_file", results._load_lines)
+    pd.testing.assert_frame_equal(found, load(folder), check_exact=True)
+
+
+def test_a_large_table_is_read_quickly_only(make_run, monkeypatch):
+    monkeypatch.setattr(results, "_load_lines", None)
+    assert len(load(make_run(CURVES))) == 6
+
+
+@pytest.mark.parametrize(
+    "cells", ["{}", "{},1", '"{}"', "{}\r", "{}\n", "{}x"], ids=lambda cells: cells.strip()
+)
+def test_what_is_unusual_is_not_read_quickly(make_run, cells):
+    path = make_run(CURVES) / "results.csv"
+    *lines, last = path.read_text().splitlines()
+    last = cells.format(last) if cells != "{}" else last.rsplit(",", 1)[0]
+    path.write_text("\n".join([*lines, last]) + "\n")
+    with pytest.raises(ValueError):
+        results._read_plain(path)
 
 
 def test_missing_file_is_named(tmp_path):
