@@ -85,7 +85,7 @@ def run(request: Request, command: Sequence[str], *, work=worker.train_job) -> i
         _lock([folder for folder in folders.values() if folder not in there], held)
         for line in (*_notes(request), *_short(request), *doubts):
             launch.say(line)
-        recorder = _recorder(launch, command)
+        recorder = _recorder(launch, command, jobs)
         _prepare(launch, recorder, standing)
         _train(launch, recorder, jobs, work)
         if stop.number is None:
@@ -152,7 +152,7 @@ def _interrupted(
     return found
 
 
-def _recorder(launch: Launch, command: Sequence[str]) -> Recorder:
+def _recorder(launch: Launch, command: Sequence[str], jobs: Sequence[Job]) -> Recorder:
     """What keeps the results, with manifests that know of this launch."""
     request = launch.request
     asked = {
@@ -162,7 +162,7 @@ def _recorder(launch: Launch, command: Sequence[str]) -> Recorder:
     }
     manifests = {
         task: manifest.add_launch(
-            _manifest(folder, request), command, launch.workers, request.device, asked
+            _manifest(folder, request), command, launch.workers, request.device, asked, jobs
         )
         for task, folder in launch.folders.items()
     }

@@ -17,7 +17,7 @@ CONFIDENCE = 0.95
 RESAMPLES = 9999
 Bounds = tuple[float, float]
 NO_BOUNDS = (float("nan"), float("nan"))
-SAME_JOB_SECONDS = 0.2
+_SAME_JOB_SECONDS = 0.2
 """Seeds trained side by side are tested at the same time, to this accuracy."""
 SOLVED = 0.8
 """Success rate from which a seed counts as having learnt its task."""
@@ -195,7 +195,7 @@ def core_seconds(results: pd.DataFrame) -> pd.Series:
     """
     index, results = results.index, results.reset_index(drop=True)  # which may repeat itself
     last = last_rows(results).sort_values("wall_seconds")
-    apart = last.groupby(_AGENT)["wall_seconds"].diff().fillna(np.inf) > SAME_JOB_SECONDS
+    apart = last.groupby(_AGENT)["wall_seconds"].diff().fillna(np.inf) > _SAME_JOB_SECONDS
     job = apart.groupby([last[column] for column in _AGENT]).cumsum()
     size = last.groupby([*_AGENT, job])["seed"].transform("size").rename("size")
     sizes = results[[*_AGENT, "seed"]].merge(last[[*_AGENT, "seed"]].join(size), how="left")["size"]

@@ -1,5 +1,6 @@
 """manifest.json: what a run folder's results were made with, and by which commands."""
 
+import contextlib
 import hashlib
 import importlib.metadata
 import json
@@ -14,6 +15,7 @@ from typing import Any
 from analysis.program import CommandError
 from analysis.reading.files import read_text, write_text
 from hac_suite.config import completed
+from launch.folder.agents import Agent, Job
 
 Manifest = dict[str, Any]
 
@@ -44,14 +46,18 @@ def add_launch(
     workers: int,
     device: str,
     asked: Mapping[str, Any] | None = None,
+    planned: Sequence[Job] = (),
 ) -> Manifest:
     """The manifest with a launch that begins now: its command, versions and machine.
 
-    `asked` is what is to be in the folder in the end: subgoal_layers, seeds and periods.
+    Args:
+      asked: what is to be in the folder in the end: subgoal_layers, seeds and periods.
+      planned: the jobs that are to see to it; those of other tasks are left out.
     """
     launch = {
         "command": ["python", *command],
         "asked": asked,
+        "planned": [_as_record(job) for job in planned if job.agent.task == manifest["task"]],
         "failures": [],  # of trainings: subgoal_layers, seeds, reason
         "started": now(),
         "finished": None,  # stays None where a signal, a kill or a full disk ended the launch
@@ -65,6 +71,20 @@ def add_launch(
     if "command" in manifest:
         earlier = [*earlier, {name: manifest.get(name) for name in launch}]
     return {**manifest, **launch, "earlier_launches": earlier}
+
+
+def _as_record(job: Job) -> dict[str, Any]:
+    return {"subgoal_layers": job.agent.subgoal_layers, "seeds": list(job.seeds)}
+
+
+def planned(manifest: Manifest) -> list[Job]:
+    """The jobs of the latest launch and of those that ended well, where the manifest says so."""
+    jobs = []
+    for record in (*(manifest.get("planned") or ()), *reversed(manifest["jobs"])):
+        with contextlib.suppress(KeyError, OverflowError, TypeError, ValueError):
+            agent = Agent(manifest["task"], int(record["subgoal_layers"]))
+            jobs.append(Job(agent, tuple(map(int, record["seeds"]))))
+    return jobs
 
 
 def read(path: Path) -> Manifest | None:

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from analysis.program import CommandError
-from analysis.statistics.seeds import SAME_JOB_SECONDS
 from launch.folder import lock, manifest, results
 from launch.folder.agents import Agent, Job
 from launch.folder.layout import RunFolder
@@ -55,7 +54,8 @@ def read(path: Path) -> FolderState:
     asked, periods = _asked(recorded)
     failures = _failures(folder.task, recorded)
     failed = {(job.agent.subgoal_layers, seed) for job, _ in failures for seed in job.seeds}
-    at_work = _at_work(folder) if holder is not None else []
+    jobs = manifest.planned(recorded)
+    at_work = _at_work(folder, jobs) if holder is not None else set()
     agents = {Agent(folder.task, layers) for layers, _ in asked | rows.keys()}
     ended = {agent.subgoal_layers: folder.ended(agent) for agent in agents}
     runs = []
@@ -67,13 +67,13 @@ def read(path: Path) -> FolderState:
             state = "done"
         elif run in failed:
             state = "failed"
-        elif any(layers == run[0] and run[1] in seeds for layers, seeds in at_work):
+        elif run in at_work:
             state = "running"
         else:
             state = "stopped" if holder is None and (own or episode) else "waiting"
         success, seconds = _measured(folder.results, own)
         runs.append(RunState(*run, state, _period(own), success, seconds, least, episode))
-    left = _seconds_left(runs, recorded.get("workers"))
+    left = _seconds_left(runs, jobs, recorded.get("workers"))
     return FolderState(folder.task, recorded, holder, runs, failures, left)
 
 
@@ -123,12 +123,21 @@ def _failures(task: str, recorded: Mapping[str, Any]) -> list[tuple[Job, str]]:
         return []
 
 
-def _at_work(folder: RunFolder) -> list[tuple[int, range]]:
-    """Subgoal layers and range of seeds of every job that has a log, as running ones have."""
+def _at_work(folder: RunFolder, jobs: Iterable[Job]) -> set[tuple[int, int]]:
+    """Runs of the jobs that have a log, as those have that are at work.
+
+    Where seeds of a job have failed, its log is named after the first and the last of the others.
+    """
     named = re.compile(rf"\.{re.escape(folder.task)}_(\d+)layers_seeds(\d+)-(\d+)\.log")
     found = [named.fullmatch(file.name) for file in folder.path.glob(".*.log")]
-    numbers = [[int(number) for number in match.groups()] for match in found if match]
-    return [(layers, range(first, last + 1)) for layers, first, last in numbers]
+    logs = [[int(number) for number in match.groups()] for match in found if match]
+    return {
+        (job.agent.subgoal_layers, seed)
+        for job in jobs
+        for layers, *ends in logs
+        if layers == job.agent.subgoal_layers and set(ends) <= set(job.seeds)
+        for seed in job.seeds
+    }
 
 
 def _checkpointed(folder: RunFolder, run: tuple[int, int]) -> int:
@@ -150,16 +159,16 @@ def _measured(file: Path, own: Sequence[results.Row]) -> tuple[float | None, flo
         raise CommandError(f"{file} is damaged: {error}") from error
 
 
-def _seconds_left(runs: Sequence[RunState], workers: Any) -> float | None:
+def _seconds_left(runs: Sequence[RunState], jobs: Sequence[Job], workers: Any) -> float | None:
     """Until all that is neither done nor failed is, with that many workers; None: nothing tells.
 
     A job that has tested takes as long for each period to come as for those behind it; seeds that
     have not are reckoned by what a seed took elsewhere, in proportion to the number of levels.
     """
-    jobs = _jobs(run for run in runs if run.period and run.seconds > 0)
+    tested = _together([run for run in runs if run.period and run.seconds > 0], jobs)
     per_level = [
         job[0].seconds / job[0].period / len(job) / (job[0].subgoal_layers + 1)
-        for job in jobs
+        for job in tested
         if job[0].period
     ]
     due = [run for run in runs if run.state in ("running", "waiting", "stopped")]
@@ -169,7 +178,7 @@ def _seconds_left(runs: Sequence[RunState], workers: Any) -> float | None:
         return None
     left = [
         job[0].seconds / job[0].period * (job[0].periods - job[0].period)
-        for job in _jobs(run for run in due if run.period and run.seconds > 0)
+        for job in _together([run for run in due if run.period and run.seconds > 0], jobs)
         if job[0].period
     ]
     new = [
@@ -182,17 +191,14 @@ def _seconds_left(runs: Sequence[RunState], workers: Any) -> float | None:
     return longest if math.isfinite(longest) else None
 
 
-def _jobs(runs: Iterable[RunState]) -> list[list[RunState]]:
-    """Runs that were trained together, by the moment of their last test."""
-    jobs: list[list[RunState]] = []
-    for run in sorted(runs, key=lambda run: (run.subgoal_layers, run.period or 0, run.seconds)):
-        last = jobs[-1][-1] if jobs else None
-        same = last and (last.subgoal_layers, last.period) == (run.subgoal_layers, run.period)
-        if last and same and run.seconds - last.seconds < SAME_JOB_SECONDS:
-            jobs[-1].append(run)
-        else:
-            jobs.append([run])
-    return jobs
+def _together(runs: Iterable[RunState], jobs: Sequence[Job]) -> list[list[RunState]]:
+    """The runs by the job that trains or trained them; alone those of which no job is known."""
+    of_job: dict[Any, list[RunState]] = {}
+    for run in runs:
+        layers, seed = run.subgoal_layers, run.seed
+        known = (j for j in jobs if j.agent.subgoal_layers == layers and seed in j.seeds)
+        of_job.setdefault((next(known, (layers, seed)), run.period), []).append(run)
+    return list(of_job.values())
 
 
 def by_agent(state: FolderState) -> dict[Agent, list[RunState]]:

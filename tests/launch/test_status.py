@@ -106,13 +106,16 @@ def test_a_running_experiment_and_the_same_one_killed(tmp_path, capsys):
     assert printed[-1].startswith("to go on: python ") and "--seeds=2" in printed[-1]
 
 
-def folder_with(out: Path, measured: dict[tuple[int, int], list[float]], workers: int) -> Path:
+def folder_with(
+    out: Path, measured: dict[tuple[int, int], list[float]], workers: int, planned=(), seeds=(0, 1)
+) -> Path:
     """A folder of a killed launch: wall seconds at the test periods of each (layers, seed)."""
     folder = RunFolder(out, TASK)
     folder.policies.mkdir(parents=True)
-    asked = {"subgoal_layers": [0, 1], "seeds": [0, 1], "periods": 4}
+    asked = {"subgoal_layers": [0, 1], "seeds": list(seeds), "periods": 4}
     text = {"task": TASK, "max_steps": 1, "horizons": {}, "config": {}, "jobs": []}
     latest = {"earlier_launches": [], "asked": asked, "failures": [], "workers": workers}
+    latest["planned"] = [{"subgoal_layers": 0, "seeds": list(own)} for own in planned]
     folder.manifest.write_text(json.dumps({**text, **latest}))
     rows = []
     for (layers, seed), seconds in measured.items():
@@ -126,21 +129,32 @@ def folder_with(out: Path, measured: dict[tuple[int, int], list[float]], workers
 
 
 @pytest.mark.parametrize(
-    ("measured", "workers", "left"),
+    ("measured", "planned", "workers", "left"),
     [
         # One job of two seeds, 20 s a period, 2 periods to go; 2 seeds of twice the levels that
         # have not begun: 10 s a level, seed and period, 4 periods of 2 levels and 2 seeds.
-        ({(0, 0): [1.0, 20, 40], (0, 1): [1.0, 20, 40.01]}, 1, 2 * 20 + 10 * 4 * 2 * 2),
-        ({(0, 0): [1.0, 20, 40], (0, 1): [1.0, 20, 40.01]}, 2, (40 + 160) / 2),
+        ({(0, 0): [1.0, 20, 40], (0, 1): [1.0, 20, 41]}, [(0, 1)], 1, 2 * 20 + 10 * 4 * 2 * 2),
+        ({(0, 0): [1.0, 20, 40], (0, 1): [1.0, 20, 41]}, [(0, 1)], 2, (40 + 160) / 2),
         # No sooner than the slowest job, whatever the workers: 3 periods of 200 s.
-        ({(0, 0): [1.0, 20], (0, 1): [1.0, 21], (1, 0): [1.0, 200], (1, 1): [1.0, 20]}, 9, 600),
-        ({(0, 0): [1.0]}, 1, None),
-        ({}, 1, None),
+        ({(0, 0): [1.0, 20], (0, 1): [1.0, 21], (1, 0): [1.0, 200], (1, 1): [1.0, 20]}, [], 9, 600),
+        ({(0, 0): [1.0]}, [], 1, None),
+        ({}, [], 1, None),
     ],
 )
-def test_the_time_left(tmp_path, measured, workers, left):
-    state = folder_states.read(folder_with(tmp_path, measured, workers))
+def test_the_time_left(tmp_path, measured, planned, workers, left):
+    state = folder_states.read(folder_with(tmp_path, measured, workers, planned))
     assert state.seconds_left == (None if left is None else pytest.approx(left, rel=0.01))
+
+
+def test_running_are_the_seeds_of_the_jobs_at_work_and_not_those_between(tmp_path, monkeypatch):
+    path = folder_with(tmp_path, {}, 1, [(3, 5, 9), (4, 6)], seeds=(3, 4, 5, 6, 9))
+    monkeypatch.setattr(folder_states.lock, "holder", lambda folder: {})
+    log = path / f".{TASK}_0layers_seeds3-9.log"
+    log.touch()
+    running = {seed for layers, seed, state in states(tmp_path) if state == "running"}
+    assert running == {3, 5, 9}
+    log.rename(path / f".{TASK}_0layers_seeds3-5.log")  # begun again elsewhere, without seed 9
+    assert {seed for _, seed, state in states(tmp_path) if state == "running"} == {3, 5, 9}
 
 
 def test_a_checkpoint_is_where_a_stopped_run_goes_on_from(tmp_path, capsys):
