@@ -9,7 +9,7 @@ PARALLEL ?= -n logical --maxprocesses 8 --dist worksteal
 BIN := .venv/bin
 STAMP := .venv/.stamp
 
-.PHONY: help setup run demo test test-all lint bench doctor docs hashes audit
+.PHONY: help setup run demo test test-all lint bench doctor docs site hashes audit
 
 help:
 	@echo "make run [TASK=pick_place] [SEEDS=10] [ARGS=...]   train, then draw curves and videos (TASK=all: all five)"
@@ -18,6 +18,7 @@ help:
 	@echo "make lint      ruff and mypy;    make bench: speed against peers and limits (15 minutes)"
 	@echo "make doctor    what this machine can do, and how to mend what it cannot"
 	@echo "make docs      the documentation as web pages: build/docs/index.html"
+	@echo "make site      docs, reports and 3-D replays as one static folder: build/site/index.html"
 	@echo "make hashes    after a change of constraints.txt: the files that setup accepts"
 	@echo "make audit     known vulnerabilities of what setup installs"
 
@@ -77,3 +78,7 @@ doctor: $(STAMP)
 docs: $(STAMP)
 	@echo "==> docs: building build/docs/index.html; a warning is an error"
 	$(BIN)/python -m sphinx -W --keep-going -q -d build/doctrees docs build/docs
+
+site: docs
+	@echo "==> site: published results with reports and replays, and the docs: build/site/index.html"
+	$(BIN)/python launch/site.py --output=build/site --docs=build/docs

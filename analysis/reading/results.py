@@ -86,9 +86,7 @@ def _load_lines(path: Path) -> pd.DataFrame:
         warnings.warn(_CUT_SHORT.format(path=path), stacklevel=3)
     if not lines.rows:
         raise NoResults(_NO_ROWS.format(path=path))
-    # The index holds line numbers until the values are checked, to name the line of a bad one.
-    table = pd.DataFrame.from_dict(lines.rows, orient="index", columns=lines.columns, dtype=object)
-    return _typed(_numbers(table, path), table, path)
+    return to_table(lines, path)
 
 
 def _read_plain(path: Path) -> pd.DataFrame:
@@ -165,6 +163,20 @@ def read_lines(path: Path) -> Lines:
                 _WRONG_LENGTH.format(path=path, line=line, got=len(row), expected=len(columns))
             )
     return Lines(columns, dict(numbered), cut_short=whole != text)
+
+
+def to_table(lines: Lines, path: Path) -> pd.DataFrame:
+    """The rows as numbers.
+
+    Args:
+      path: theirs, for messages.
+
+    Raises:
+      ValueError: a value cannot be; the message names its line and column.
+    """
+    # The index holds line numbers until the values are checked, to name the line of a bad one.
+    table = pd.DataFrame.from_dict(lines.rows, orient="index", columns=lines.columns, dtype=object)
+    return _typed(_numbers(table, path), table, path)
 
 
 def _check_columns(columns: Sequence[str], path: Path) -> None:

@@ -4,8 +4,9 @@ Run as `python -m analysis.report.index runs`.
 """
 
 import sys
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import pandas as pd
@@ -31,13 +32,21 @@ Flags:
 Exit status: 0; 2 the folder holds no run folder, or the command was wrong."""
 
 
-def write_index(folder: Path, at_work: Collection[str] = ()) -> Path:
+def write_index(
+    folder: Path,
+    at_work: Collection[str] = (),
+    *,
+    title: str | None = None,
+    links: Mapping[str, str] = MappingProxyType({}),
+) -> Path:
     """Writes index.html into a folder of run folders and returns its path.
 
     A run folder whose results are damaged or not there yet is listed with the reason.
 
     Args:
       at_work: names of the run folders in which training goes on; the page loads itself again.
+      title: the page's, if not the folder's name.
+      links: other pages to lead to, relative to this one, by what they are called.
 
     Raises:
       ValueError: the folder holds no run folder.
@@ -51,7 +60,8 @@ def write_index(folder: Path, at_work: Collection[str] = ()) -> Path:
     count = f"{len(runs)} run folder{'' if len(runs) == 1 else 's'}"
     document = render(
         "index.html",
-        title=f"Runs in {folder.resolve().name}",
+        title=title or f"Runs in {folder.resolve().name}",
+        links=links,
         headline=f"{count}, {len(at_work)} at work." if at_work else f"{count}.",
         running=[run["progress"] for run in runs if run["progress"]],
         runs=runs,

@@ -9,7 +9,7 @@ from typing import IO, Any
 
 from analysis.program import CommandError
 from analysis.reading.files import write_text
-from analysis.reading.results import read_lines
+from analysis.reading.results import read_lines, to_table
 from analysis.reading.schema import (
     CORE_COLUMNS,
     LATER_COLUMNS,
@@ -25,10 +25,6 @@ class Changed(OSError):
     """Somebody changed the file while a launch was at work on it."""
 
 
-_MOST_DIGITS = 15  # Python does not read numbers of thousands of digits
-_WHOLE_NUMBERS = ("subgoal_layers", "seed", "period")  # what says which runs are finished
-
-
 def read(path: Path) -> tuple[list[Row], int]:
     """Rows of the file, and how many lines were dropped because a kill cut them short.
 
@@ -39,24 +35,12 @@ def read(path: Path) -> tuple[list[Row], int]:
         return [], 0
     try:
         lines = read_lines(path)
+        if lines.rows:
+            to_table(lines, path)  # what cannot be is refused, here as in the analysis
     except ValueError as error:
         raise CommandError(f"{error}; mend it, or move it away") from error
-    rows = [
-        _row(path, number, dict(zip(lines.columns, cells, strict=True)))
-        for number, cells in lines.rows.items()
-    ]
+    rows = [dict(zip(lines.columns, cells, strict=True)) for cells in lines.rows.values()]
     return rows, int(lines.cut_short)
-
-
-def _row(path: Path, number: int, row: Row) -> Row:
-    for column in _WHOLE_NUMBERS:
-        cell = row[column]
-        if not (cell.isascii() and cell.isdigit() and len(cell) <= _MOST_DIGITS):
-            raise CommandError(
-                f"{path}, line {number}: {column} is {cell[:40]!r}, not a whole number; "
-                "mend the line or remove it"
-            )
-    return row
 
 
 def is_current(path: Path) -> bool:

@@ -215,7 +215,7 @@ def test_without_the_viewer_a_line_says_that_there_are_no_replays(tmp_path, caps
     assert not (tmp_path / "pendulum_climb" / "replays").exists()
 
 
-def test_a_damaged_policy_or_number_costs_a_warning_and_not_the_summary(tmp_path, capsys):
+def test_a_damaged_policy_costs_a_warning_and_a_damaged_number_is_refused(tmp_path, capsys):
     words = ("--seeds=1", "--periods=1", "--subgoal_layers=0")
     assert launch(tmp_path, *words) == 0
     folder = RunFolder(tmp_path, "pendulum_climb")
@@ -225,8 +225,8 @@ def test_a_damaged_policy_or_number_costs_a_warning_and_not_the_summary(tmp_path
     assert "warning: no video of pendulum_climb, 0 subgoal layers: " in printed
     assert printed.count("test period") == 2  # the heading of each launch's summary
     folder.results.write_text(folder.results.read_text().replace(",0.25,", ",often,"))
-    assert launch(tmp_path, *words) == 0
-    assert "success_rate is 'often'" in capsys.readouterr().out
+    with pytest.raises(CommandError, match=r"results.csv, line 3: success_rate is 'often'"):
+        launch(tmp_path, *words)
 
 
 def test_attempts_that_span_too_few_steps_are_warned_of():
