@@ -36,3 +36,11 @@ def pytest_collection_modifyitems(items):
     for item in items:
         if item.get_closest_marker("requires_gl"):
             item.add_marker(skip)
+
+
+@pytest.fixture(params=["quick", pytest.param("thorough", marks=pytest.mark.slow)])
+def try_all(request):
+    """Calls a function with generated inputs, a few of them or a great many."""
+    from tests import generated  # imports much: not what every test needs
+
+    return generated.trial(quick=request.param == "quick")

@@ -5,13 +5,11 @@ import json
 import math
 import shutil
 import warnings
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 import safetensors.torch
 import torch
-from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
 
 import hac_suite
@@ -27,6 +25,17 @@ from launch.folder import policies, results, states
 from launch.folder.agents import Agent, Job
 from launch.folder.layout import RunFolder
 from tasks import assets
+from tests.generated import (
+    answered,
+    damaged,
+    keys,
+    misspelt,
+    numbers,
+    other_cells,
+    other_entries,
+    typed,
+    values,
+)
 from tests.launch import fake_jobs
 
 AGENT = Agent("pendulum_climb", 1)
@@ -36,88 +45,14 @@ LAUNCH = {
     "task": AGENT.task, "max_steps": 1, "horizons": {}, "config": {}, "jobs": [],
     "earlier_launches": [], "asked": ASKED, "failures": [FAILURE], "workers": 2,
     "command": ["python", "x"], "finished": None,
+    "planned": [{"subgoal_layers": 0, "seeds": [0, 1]}],
 }  # fmt: skip
-
-# Generated inputs of each property in `make test-all`; `make test` takes QUICK of each.
-THOROUGH = {
-    "words": 2500,
-    "overrides": 2000,
-    "counts": 1000,
-    "results": 2000,
-    "names": 1000,
-    "manifests": 1000,
-    "descriptions": 1000,
-    "weights": 1000,
-    "models": 1000,
-}
-QUICK = 25
-
-
-def test_the_thorough_run_is_of_ten_thousand_inputs():
-    assert sum(THOROUGH.values()) >= 10_000
 
 
 @pytest.fixture(autouse=True)
 def small_numbers():
     """Workers count denormal numbers as zero; the inputs here have some."""
     torch.set_flush_denormal(False)
-
-
-@pytest.fixture(params=["quick", pytest.param("thorough", marks=pytest.mark.slow)])
-def try_all(request):
-    """Calls a function with generated inputs; the quick ones are the same each time."""
-
-    def run(name: str, strategy: st.SearchStrategy, check: Callable) -> None:
-        quick = request.param == "quick"
-        count, tried = QUICK if quick else THOROUGH[name], [0]
-
-        def counted(value) -> None:
-            tried[0] += 1
-            check(value)
-
-        limits = settings(
-            max_examples=count,
-            derandomize=quick,
-            database=None,
-            deadline=None,
-            phases=(Phase.generate, Phase.shrink),
-            suppress_health_check=list(HealthCheck),
-        )
-        limits(given(strategy)(counted))()
-        assert tried[0] >= count
-
-    return run
-
-
-def answered(error: BaseException) -> None:
-    """One line that says something."""
-    assert str(error).strip()
-    assert len(str(error).splitlines()) == 1, str(error)
-
-
-# What the shell can pass on: any character but NUL, and bytes that are no text.
-typed = st.text(
-    st.one_of(
-        st.characters(exclude_characters="\0", exclude_categories=["Cs"]),
-        st.sampled_from("0123456789-+.,=()[]'\"\\/ \n\t\u0660\udcff"),
-    ),
-    max_size=30,
-)
-numbers = st.one_of(
-    st.integers(-3, 40), st.integers(), st.floats(), st.sampled_from(["1e3", "0x10", "1_0", "٣"])
-).map(str)
-words = ("pick_place", "all", "paper", "local", "ray", "auto", "cpu", "cuda", "true", "None", "")
-values = st.one_of(typed, numbers, st.sampled_from(words))
-keys = st.one_of(st.sampled_from(field_names()), typed)
-
-
-@st.composite
-def misspelt(draw, names: tuple[str, ...]) -> str:
-    """One of the names, often with a character more, less or other."""
-    name = draw(st.sampled_from(names))
-    place = draw(st.integers(0, len(name)))
-    put = draw(st.sampled_from(["", "", "x", "_", name[place : place + 1] * 2]))
-    return name[:place] + put + name[place + draw(st.integers(0, 1)) :]
 
 
 FLAGS = tuple(request.define_flags())
@@ -196,22 +131,6 @@ def test_counts_are_understood_or_refused(try_all):
     try_all("counts", st.one_of(numbers, typed, st.integers(1, 50).map(str)), check)
 
 
-@st.composite
-def damaged(draw, whole: bytes) -> bytes:
-    """The bytes with a few of them changed, gone, doubled or cut off; or others altogether."""
-    data = bytearray(whole)
-    for _ in range(draw(st.integers(0, 3))):
-        place = draw(st.integers(0, max(0, len(data) - 1)))
-        length = draw(st.integers(0, 40))
-        extra = draw(
-            st.one_of(st.binary(max_size=8), st.sampled_from([b",", b"\n", b'"', b"9" * 5000]))
-        )
-        data[place : place + length] = extra + data[place : place + draw(st.integers(0, length))]
-    if draw(st.integers(0, 9)) == 0:
-        return draw(st.binary(max_size=200))
-    return bytes(data[: draw(st.integers(0, len(data)))] if draw(st.booleans()) else data)
-
-
 def rows() -> list[dict]:
     jobs = [Job(Agent(AGENT.task, layers), (0, 1)) for layers in (0, 1)]
     return [
@@ -223,25 +142,12 @@ def show(state: states.FolderState) -> None:
     status.show(Path("runs"), state, Console(file=io.StringIO(), width=120))
 
 
-cell = st.one_of(numbers, typed, st.sampled_from(["", "nan", "inf", "-1", "1e400", "9" * 5000]))
-
-
 def test_results_that_somebody_edited(try_all, tmp_path):
     folder = RunFolder(tmp_path, AGENT.task)
     folder.path.mkdir()
     results.rewrite(folder.results, rows())
     folder.manifest.write_text(json.dumps({**LAUNCH, "asked": None}))
     whole = folder.results.read_bytes()
-    lines = whole.decode().splitlines()
-
-    @st.composite
-    def edited(draw) -> bytes:
-        line = draw(st.integers(0, len(lines) - 1))
-        cells = lines[line].split(",")
-        column = draw(st.one_of(st.integers(0, 3), st.integers(0, len(cells) - 1)))
-        cells[column] = draw(cell)
-        changed = "\n".join([*lines[:line], ",".join(cells), *lines[line + 1 :], ""])
-        return changed.encode(errors="surrogateescape")
 
     def check(data: bytes) -> None:
         folder.results.write_bytes(data)
@@ -260,7 +166,7 @@ def test_results_that_somebody_edited(try_all, tmp_path):
             except ValueError as error:
                 answered(error)
 
-    try_all("results", st.one_of(edited(), damaged(whole)), check)
+    try_all("results", st.one_of(other_cells(whole.decode()), damaged(whole)), check)
 
 
 def test_names_of_run_folders_stay_below_the_output_folder(try_all, tmp_path):
@@ -276,24 +182,6 @@ def test_names_of_run_folders_stay_below_the_output_folder(try_all, tmp_path):
 
     names = st.one_of(typed, st.sampled_from(["..", "../x", "a/b", "\0", "x" * 300, "~", "-"]))
     try_all("names", names, check)
-
-
-json_values = st.recursive(
-    st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=5),
-    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=5), inner),
-    max_leaves=5,
-)
-
-
-@st.composite
-def other_entries(draw, whole: dict) -> bytes:
-    """A JSON object with some entries of other kinds, or missing."""
-    changed = dict(whole)
-    for name in draw(st.lists(st.sampled_from(sorted(whole)), max_size=3)):
-        changed[name] = draw(json_values)
-    for name in draw(st.lists(st.sampled_from(sorted(whole)), max_size=1)):
-        del changed[name]
-    return json.dumps(changed).encode()
 
 
 def test_manifests_that_somebody_edited(try_all, tmp_path):

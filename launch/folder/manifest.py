@@ -79,8 +79,8 @@ def _as_record(job: Job) -> dict[str, Any]:
 
 def planned(manifest: Manifest) -> list[Job]:
     """The jobs of the latest launch and of those that ended well, where the manifest says so."""
-    jobs = []
-    for record in (*(manifest.get("planned") or ()), *reversed(manifest["jobs"])):
+    jobs, found = [], manifest.get("planned")
+    for record in (*(found if _are_objects(found) else []), *reversed(manifest["jobs"])):
         with contextlib.suppress(KeyError, OverflowError, TypeError, ValueError):
             agent = Agent(manifest["task"], int(record["subgoal_layers"]))
             jobs.append(Job(agent, tuple(map(int, record["seeds"]))))
