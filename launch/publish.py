@@ -17,12 +17,13 @@ if __name__ == "__main__":
 from analysis import program
 from analysis.figures.success import write_figure
 from analysis.program import CommandError
-from analysis.reading import files, grid
+from analysis.reading import files, grid, names
 from hac_suite import policy_files
 from launch import record_subgoals
 from launch.asking import lists
 from launch.folder import policies, states
 from launch.folder.layout import RunFolder
+from launch.recording import joining
 
 _HELP = """Puts a finished run folder where the analysis and play.py look for published results.
 
@@ -30,13 +31,18 @@ _HELP = """Puts a finished run folder where the analysis and play.py look for pu
 
 copies results.csv, figure.csv, figure.png and manifest.json to analysis/data/grid/TASK, replays the
 policies to record their subgoals there, and copies the best seed's policy of each agent to
-assets/policies. Each of the two folders is built beside and put in place in one rename: a kill
-leaves it as it was. A run that has failed for good is shown by the manifest and by the smaller n.
+assets/policies. --add keeps what is published of other agents and seeds, so that an experiment can
+be trained in pieces, on several machines. Each of the two folders is built beside and put in place
+in one rename: a kill leaves it as it was. A run that has failed for good is shown by the manifest
+and by the smaller n.
 
 Flags:
 {flags}
 
 Exit status: 0 done; 2 the command was wrong, or the folder's runs are not finished."""
+
+
+_RESULTS = (names.RESULTS, names.FIGURE_NUMBERS, names.FIGURE, names.MANIFEST)
 
 
 def main(argv: Sequence[str]) -> int:
@@ -47,7 +53,7 @@ def main(argv: Sequence[str]) -> int:
 
 def _publish(values: flags.FlagValues) -> None:
     folder = RunFolder(Path(values.runs).absolute(), lists.task(values.task))
-    for path in publish(folder, Path(values.data), Path(values.policies)):
+    for path in publish(folder, Path(values.data), Path(values.policies), add=values.add):
         print(os.path.relpath(path))
 
 
@@ -59,14 +65,19 @@ def _flags() -> flags.FlagValues:
     flags.DEFINE_string(
         "policies", os.path.relpath(policies.PUBLISHED), "holds published policies", values
     )
+    flags.DEFINE_boolean("add", False, "keep other agents and seeds that are published", values)
     return values
 
 
-def publish(folder: RunFolder, data: Path, chosen: Path) -> list[Path]:
+def publish(folder: RunFolder, data: Path, chosen: Path, *, add: bool = False) -> list[Path]:
     """Publishes a run folder; returns what was written.
 
+    Args:
+      add: whether published agents and seeds stay that the folder does not have.
+
     Raises:
-      CommandError: some of its runs are neither done nor failed, or it is no run folder.
+      CommandError: some of its runs are neither done nor failed, it is no run folder, or it is of
+        another configuration than what it is to be added to.
     """
     state = states.read(folder.path)
     open_runs = [run for run in state.runs if run.state not in ("done", "failed")]
@@ -76,12 +87,22 @@ def publish(folder: RunFolder, data: Path, chosen: Path) -> list[Path]:
             "the command that began them goes on with them"
         )
     found = policies.find(folder.policies)
-    write_figure(folder.path)
-    results = (folder.results, folder.figure_numbers, folder.figure, folder.manifest)
+    add = add and (data / folder.task / names.RESULTS).is_file()
     with files.swapping(data / folder.task) as output:
-        written = [files.put(file, output) for file in results]
+        if add:
+            before = joining.Records(output)
+            runs = joining.join_results(output, folder)
+        else:
+            for file in (folder.results, folder.manifest):
+                files.put(file, output)
+        write_figure(output)
+        written = [output / name for name in _RESULTS]
         written += record_subgoals.record(found, output, record_subgoals.EPISODES)
+        if add:
+            before.join(runs)
     with files.swapping(chosen) as output:
+        if add:
+            found += [own for own in policies.find(output) if own.task == folder.task]
         best = _publish_policies(folder.task, found, output)
     return [data / folder.task / file.name for file in written] + [
         chosen / file.name for file in best
@@ -90,14 +111,17 @@ def publish(folder: RunFolder, data: Path, chosen: Path) -> list[Path]:
 
 def _publish_policies(task: str, found: Sequence[policies.Found], chosen: Path) -> list[Path]:
     """Copies the best seed of each agent; those of earlier runs go."""
+    agents = sorted({policy.subgoal_layers for policy in found})
+    best = [policies.best([own for own in found if own.subgoal_layers == k]) for k in agents]
+    stay = {policy.path for policy in best}
     for earlier in policies.find(chosen):
-        if earlier.task == task:
+        if earlier.task == task and earlier.path not in stay:
             for file in policy_files.paths(earlier.path):
                 file.unlink()
     written = []
-    for layers in sorted({policy.subgoal_layers for policy in found}):
-        best = policies.best([policy for policy in found if policy.subgoal_layers == layers])
-        written += [files.put(file, chosen) for file in policy_files.paths(best.path)]
+    for policy in best:
+        for file in policy_files.paths(policy.path):
+            written.append(file if file.parent == chosen else files.put(file, chosen))
     return written
 
 

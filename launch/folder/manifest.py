@@ -73,14 +73,30 @@ def add_launch(
     return {**manifest, **launch, "earlier_launches": earlier}
 
 
+def joined(published: Manifest, piece: Manifest) -> Manifest:
+    """The manifest of what is published and of a piece of the same experiment beside it.
+
+    The launches of the piece are the latest ones.
+    """
+    last = add_launch(published, [], 1, "")["earlier_launches"]
+    return {
+        **piece,
+        "horizons": {**published["horizons"], **piece["horizons"]},
+        "jobs": [*published["jobs"], *piece["jobs"]],
+        "earlier_launches": [*last, *piece["earlier_launches"]],
+    }
+
+
 def _as_record(job: Job) -> dict[str, Any]:
     return {"subgoal_layers": job.agent.subgoal_layers, "seeds": list(job.seeds)}
 
 
 def planned(manifest: Manifest) -> list[Job]:
     """The jobs of the latest launch and of those that ended well, where the manifest says so."""
-    jobs, found = [], manifest.get("planned")
-    for record in (*(found if _are_objects(found) else []), *reversed(manifest["jobs"])):
+    found = manifest.get("planned")
+    latest: list[Any] = found if isinstance(found, list) else []
+    jobs = []
+    for record in (*latest, *reversed(manifest["jobs"])):
         with contextlib.suppress(KeyError, OverflowError, TypeError, ValueError):
             agent = Agent(manifest["task"], int(record["subgoal_layers"]))
             jobs.append(Job(agent, tuple(map(int, record["seeds"]))))

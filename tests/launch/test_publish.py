@@ -8,12 +8,14 @@ import signal
 import types
 from pathlib import Path
 
+import pandas as pd
 import pytest
 
-from analysis.reading import files, grid
+from analysis.reading import files, grid, schema
+from analysis.reading.results import load
 from hac_suite import policy_files
 from launch import play, publish
-from launch.folder import policies
+from launch.folder import manifest, policies
 from launch.folder.layout import RunFolder
 from tests.launch.lives import TASK, live, tiny
 
@@ -53,6 +55,62 @@ def test_results_and_the_best_policy_of_each_agent_are_published(folder, tmp_pat
     assert [(one.subgoal_layers, one.seed) for one in found] == [(0, found[0].seed), (1, 1)]
     assert len(grid.load_grid(tmp_path / "data")[TASK]) == 2 * 3 * 2
     assert f"{TASK}_1layers_seed1.safetensors" in capsys.readouterr().out
+
+
+def recorded(found, output, _) -> list[Path]:
+    """In place of the records of subgoals: a row for each policy, an episode for each agent."""
+    rows = [f"{own.task},{own.subgoal_layers},{own.seed}" for own in found]
+    head = "task,subgoal_layers,seed"
+    files.write_text(output / "subgoals.csv", "\n".join([head, *rows, ""]))
+    agents = {own.subgoal_layers: own.seed for own in reversed(found)}
+    episodes = [{"subgoal_layers": layers, "seed": seed} for layers, seed in agents.items()]
+    files.write_text(output / "anatomy.json", json.dumps({"episodes": episodes}))
+    return [output / "subgoals.csv", output / "anatomy.json"]
+
+
+def test_an_experiment_trained_in_pieces_is_published_as_if_in_one(tmp_path, tiny, monkeypatch):
+    monkeypatch.setattr(publish.record_subgoals, "record", recorded)
+    pieces = {"first": "--seeds=0,2", "second": "--seeds=1,2", "whole": "--seeds=3"}
+    for name, seeds in pieces.items():
+        status, printed = live(tmp_path / name, *WORDS, seeds)
+        assert status == 0, printed
+        for file in (tmp_path / name / TASK / "policies").glob("*_1layers_seed1.json"):
+            file.write_text(json.dumps({**json.loads(file.read_text()), "success_rate": 0.9}))
+
+    def published(name: str, *words: str) -> int:
+        into = tmp_path / ("whole" if name == "whole" else "joined")
+        places = [f"--data={into / 'data'}", f"--policies={into / 'chosen'}"]
+        words = (f"--task={TASK}", f"--runs={tmp_path / name}", *places, *words)
+        return publish.main(["launch/publish.py", *words])
+
+    assert published("first", "--add") == 0  # to nothing
+    assert published("second", "--add") == 0 and published("whole") == 0
+    joined, whole = (tmp_path / name / "data" / TASK for name in ("joined", "whole"))
+    drop = list(schema.CLOCKS)
+    pd.testing.assert_frame_equal(load(joined).drop(columns=drop), load(whole).drop(columns=drop))
+    assert (joined / "subgoals.csv").read_text() == (whole / "subgoals.csv").read_text()
+    episodes = json.loads((joined / "anatomy.json").read_text())["episodes"]
+    assert sorted(own["subgoal_layers"] for own in episodes) == [0, 1]
+    chosen = [policies.find(tmp_path / name / "chosen") for name in ("joined", "whole")]
+    assert [own[1].seed for own in chosen] == [1, 1] and len(chosen[0]) == 2
+    found = manifest.read(joined / "manifest.json")
+    assert len(found["jobs"]) == 4 and len(found["earlier_launches"]) == 1
+    assert found["asked"]["seeds"] == [1, 2]
+    # And once more, which changes nothing but for the manifest.
+    before = contents(joined)
+    assert published("second", "--add") == 0
+    after = contents(joined)
+    assert [name for name in after if after[name] != before[name]] == ["manifest.json"]
+
+
+def test_a_piece_of_another_configuration_is_refused(folder, tmp_path, capsys):
+    assert command(folder) == 0
+    before = contents(tmp_path / "data")
+    text = folder.manifest.read_text()
+    folder.manifest.write_text(text.replace('"batch_size": 16', '"batch_size": 32'))
+    assert command(folder, "--add") == 2
+    assert "batch_size is 16 there and 32 here" in capsys.readouterr().err
+    assert contents(tmp_path / "data") == before
 
 
 def test_a_folder_with_runs_to_finish_is_refused(folder, capsys):
