@@ -1,11 +1,13 @@
 """Killed at any moment, and again: nothing is lost, and the end is that of an uninterrupted run."""
 
+import contextlib
 import os
 import random
 import signal
 import subprocess
 import sys
 import time
+from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -23,12 +25,14 @@ from tests.launch.lives import (
     outcome,
     standings,
     tiny,
+    wait_for,
     wait_until_gone,
 )  # fmt: skip
 
 __all__ = ["tiny"]
 
 WORDS = ("--seeds=3", "--subgoal_layers=0,1,2", "--periods=3")
+FAMILY = "HAC_SUITE_TEST_FAMILY"  # a variable of the environment
 RUN = Path(__file__).resolve().parents[3] / "launch" / "run.py"
 REAL = (
     "--task=pendulum_climb", "--seeds=2", "--subgoal_layers=1", "--periods=4", "--novideo",
@@ -97,11 +101,12 @@ def test_a_storm_of_kills_loses_nothing(tmp_path, tiny):
     assert seen.half_written >= 5  # many came in the middle of a save
 
 
-def start(folder: Path) -> subprocess.Popen:
-    """`launch/run.py` in a process group of its own."""
+def start(folder: Path, words: Sequence[str] = REAL) -> subprocess.Popen:
+    """`launch/run.py` in a process group of its own; all its descendants know the folder."""
     return subprocess.Popen(
-        [sys.executable, RUN, *REAL],
+        [sys.executable, RUN, *words],
         cwd=folder,
+        env={**os.environ, FAMILY: str(folder)},
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
         text=True,
@@ -109,8 +114,18 @@ def start(folder: Path) -> subprocess.Popen:
     )
 
 
+def descendants(folder: Path) -> list[str]:
+    """What runs that a launch in the folder has begun, in whatever process group."""
+    mark, found = f"{FAMILY}={folder}".encode(), []
+    for process in Path("/proc").glob("[0-9]*"):
+        with contextlib.suppress(OSError):  # it has just ended, or is another user's
+            if mark in (process / "environ").read_bytes().split(b"\0"):
+                found.append((process / "cmdline").read_text().replace("\0", " "))
+    return found
+
+
 def finish(launched: subprocess.Popen) -> str:
-    printed, _ = launched.communicate(timeout=200)
+    printed, _ = launched.communicate(timeout=280)
     assert launched.returncode == 0, printed
     return printed
 
@@ -182,27 +197,36 @@ def test_a_killed_launch_goes_on_in_real_processes(tmp_path, monkeypatch):
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(1200)
-def test_real_launches_killed_at_random_moments(tmp_path, monkeypatch):
+@pytest.mark.timeout(1800)
+@pytest.mark.parametrize(
+    ("words", "experiments", "seconds"),
+    [
+        pytest.param(REAL, 5, 14, id="plain"),
+        pytest.param((*REAL, "--video"), 3, 30, id="drawn", marks=pytest.mark.requires_gl),
+        pytest.param((*REAL, "--executor=ray"), 3, 25, id="ray"),
+    ],
+)
+def test_real_launches_killed_at_random_moments(tmp_path, monkeypatch, words, experiments, seconds):
     """The launch, a worker, or all of them at once, as a lack of memory or a power cut would."""
     expected, chance, kills = uninterrupted(tmp_path / "whole", monkeypatch), random.Random(3), 0
-    for number in range(4):
+    for number in range(experiments):
         folder = tmp_path / str(number)
         folder.mkdir()
         for _ in range(5):
-            launched = start(folder)
-            time.sleep(chance.uniform(1, 14))
+            launched = start(folder, words)
+            time.sleep(chance.uniform(1, seconds))
             victim = chance.choice(["launch", "worker", "all"])
             if launched.poll() is None:
                 kills += 1
                 _kill(launched, victim)
-            printed, _ = launched.communicate(timeout=100)
+            printed, _ = launched.communicate(timeout=200)
             assert "damaged" not in printed and "Traceback" not in printed, printed
-            wait_until_gone(launched.pid)
-        finish(start(folder))
+            wait_for(lambda: not descendants(folder), 60)  # noqa: B023
+        finish(start(folder, words))
         assert outcome(folder / "runs") == expected
+        assert not list((folder / "runs").rglob(".*.tmp*"))
     print(kills, "kills")
-    assert kills >= 10
+    assert kills >= 3 * experiments
 
 
 def _kill(launched: subprocess.Popen, victim: str) -> None:
