@@ -5,7 +5,7 @@ as the suite's are. `Watched` is all that is asked of an environment.
 """
 
 from collections.abc import Iterator, Sequence
-from typing import NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import mujoco
 import numpy as np
@@ -29,11 +29,16 @@ _FALLBACK_VIEW = np.array([0.9, -1.9, 0.9])  # times the model's extent, from it
 class Watched(VectorEnv, Protocol):
     """An environment that can be drawn: `tasks.VectorEnv` is one."""
 
-    def simulation(self, i: int) -> tuple[mujoco.MjModel, mujoco.MjData]: ...
+    def simulation(self, i: int) -> tuple[mujoco.MjModel, mujoco.MjData] | None: ...
 
     def show_subgoals(self, i: int, subgoals: Sequence[np.ndarray | None]) -> None: ...
 
     def move_goal(self, i: int, goal: np.ndarray) -> EnvStep: ...
+
+
+def simulated(env: Any) -> bool:
+    """Whether MuJoCo simulates an environment, so that its bodies can be drawn: it is `Watched`."""
+    return hasattr(env, "simulation") and env.simulation(0) is not None
 
 
 class Shape(NamedTuple):
@@ -77,7 +82,7 @@ class Stage:
     def __init__(self, env: Watched):
         """`env` has begun an episode; its subgoals are hidden here."""
         self._env = env
-        self.model, data = env.simulation(0)
+        self.model, data = self._simulation()
         self._scratch = mujoco.MjData(self.model)
         self.shapes = list(_shapes(self.model))
         self.floor = _floor(self.model)
@@ -87,6 +92,11 @@ class Stage:
         mocap = np.flatnonzero(self.model.body_mocapid >= 0).tolist()
         self.goal = [body for body in mocap if body not in taken and seen[body]]
         self.camera = _camera(self.model, data)
+
+    def _simulation(self) -> tuple[mujoco.MjModel, mujoco.MjData]:
+        found = self._env.simulation(0)
+        assert found is not None, "see `simulated`"
+        return found
 
     @property
     def bodies(self) -> list[str]:
@@ -118,7 +128,7 @@ class Stage:
 
     def poses(self) -> Poses:
         """Where the bodies are now; the state itself is left as it is."""
-        model, data = self._env.simulation(0)
+        model, data = self._simulation()
         mujoco.mj_copyData(self._scratch, model, data)
         mujoco.mj_kinematics(model, self._scratch)
         return Poses(
@@ -130,7 +140,7 @@ class Stage:
     def state(self) -> np.ndarray:
         """Where the bodies are now, as `STATE` has it: for `mujoco.mj_setState`."""
         state = np.empty(mujoco.mj_stateSize(self.model, STATE))
-        mujoco.mj_getState(*self._env.simulation(0), state, STATE)
+        mujoco.mj_getState(*self._simulation(), state, STATE)
         return state
 
     def show(self, subgoals: Sequence[np.ndarray | None]) -> None:

@@ -14,7 +14,7 @@ from analysis.program import CommandError
 from analysis.reading import paper
 from launch.folder import policies
 from launch.pictures.scene import Scene
-from launch.pictures.stage import Stage, Watched
+from launch.pictures.stage import Stage, Watched, simulated
 from launch.viewing import panel
 from launch.viewing.episode import Episode
 from launch.viewing.goal_handle import GoalHandle
@@ -50,13 +50,18 @@ class Page:
           seed: of the episode to begin with.
 
         Raises:
-          CommandError: the policy cannot be loaded or run.
+          CommandError: the policy cannot be loaded or run, or its task cannot be drawn.
         """
         self._server, self._env, self._spec, self._found = server, env, spec, list(found)
         self._commands: queue.Queue[Callable[[], None]] = queue.Queue()
         self._chosen, self._seed = chosen, seed
         self._policy = _load(chosen)
         self.player = Player(self._episode(), spec.control_timestep)
+        if not simulated(env):
+            raise CommandError(
+                f"{chosen.task}: MuJoCo does not simulate it, so there are no bodies to show here; "
+                "`python launch/play.py --output=video.mp4` films it"
+            )
         self._env.show_subgoals(0, [])
         self._stage = Stage(env)
         self._handle = GoalHandle(env, self._stage, self.player.episode.goal)
@@ -117,6 +122,11 @@ class Page:
     def _build_goal(self, gui: Any) -> None:
         space = self._spec.goal_space
         self._sliders = []
+        try:
+            self._env.move_goal(0, self.player.episode.goal)
+        except ValueError as error:
+            gui.add_html(panel.hint(str(error)))
+            return
         for index, (name, unit) in enumerate(zip(space.names, space.units, strict=True)):
             low, high = float(space.low[index]), float(space.high[index])
             slider = gui.add_slider(
@@ -225,8 +235,8 @@ class Page:
         self.player.move_goal(goal)
 
     def _show_goal(self) -> None:
-        """The sliders show the goal that now is."""
-        for slider, value in zip(self._sliders, self.player.episode.goal, strict=True):
+        """The sliders show the goal that now is; there are none for one that cannot be moved."""
+        for slider, value in zip(self._sliders, self.player.episode.goal, strict=False):
             within = float(np.clip(value, slider.min, slider.max))
             slider.value = round(within, -round(np.log10(slider.step)))
 

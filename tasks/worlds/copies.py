@@ -25,6 +25,7 @@ _BAD_INDEX = (
     "there are {size}"
 )
 _BAD_VALUE = "{what}={text}: {count} numbers are chosen, and {values} given"
+_FIXED_GOAL = "{word}: it does not say where it keeps its goal, so that the goal cannot be moved"
 _UNDETERMINED = (
     "{word}: reset(seed=...) does not determine {what}: two episodes of one seed differ. HAC's "
     "results are to depend on seeds alone; let the environment draw from self.np_random after "
@@ -205,6 +206,7 @@ class EnvCopy:
         self._random: Any = None  # states of the global generators, as the episode left them
         self._space = making.check_actions(reader.word, env.action_space)
         self.goal: np.ndarray | None = None
+        self._seen: Any = None  # the latest observation, as the environment gave it
         self._warned = 0  # warnings of MuJoCo at the start of the episode
 
     def reset(self, seed: int, options: Mapping[str, Any] | None, goal: np.ndarray | None) -> View:
@@ -214,29 +216,54 @@ class EnvCopy:
             if self._seeds_global:
                 np.random.seed(seed)
                 random.seed(seed)
-            seen, _ = self.env.reset(seed=seed, **given)
+            self._seen, _ = self.env.reset(seed=seed, **given)
             self._random = _states() if self._seeds_global else None
         self._warned = self._warnings()
-        return self._reader.view(seen, goal)
+        return self._reader.view(self._seen, goal)
+
+    def move_goal(self, goal: np.ndarray) -> View:
+        """The view with another end goal [G], which the episode goes on with.
+
+        Raises:
+          ValueError: the environment does not say where it keeps its goal.
+        """
+        if self.goal is not None:  # it has none of its own
+            self.goal = goal
+            return self._reader.view(self._seen, goal)
+        world: Any = self.env.unwrapped
+        own = getattr(world, "goal", None)
+        if not isinstance(own, np.ndarray) or own.shape != goal.shape:
+            raise ValueError(_FIXED_GOAL.format(word=self._reader.word))
+        world.goal = goal.astype(own.dtype)
+        self._seen = {**self._seen, "desired_goal": world.goal.copy()}
+        return self._reader.view(self._seen, None)
+
+    @property
+    def simulation(self) -> tuple[mujoco.MjModel, mujoco.MjData] | None:
+        """MuJoCo's model and state of the environment; None where it is simulated otherwise."""
+        world = self.env.unwrapped
+        model, data = getattr(world, "model", None), getattr(world, "data", None)
+        if isinstance(model, mujoco.MjModel) and isinstance(data, mujoco.MjData):
+            return model, data
+        return None
 
     def broke_down(self) -> bool:
         """Whether MuJoCo found the state of this episode broken, and began anew by itself."""
         return self._warnings() > self._warned
 
     def _warnings(self) -> int:
-        data = getattr(self.env.unwrapped, "data", None)
-        if not isinstance(data, mujoco.MjData):
+        if self.simulation is None:
             return 0
-        return int(data.warning.number[_BROKEN].sum())
+        return int(self.simulation[1].warning.number[_BROKEN].sum())
 
     def step(self, action: np.ndarray) -> tuple[View, bool, bool, Mapping[str, Any]]:
         """The view after an action [A], whether the environment terminated or truncated, info."""
         own = action.astype(self._space.dtype).reshape(self._space.shape)
         with _global_random(self._random) if self._seeds_global else contextlib.nullcontext():
-            seen, _, terminated, truncated, info = self.env.step(own)
+            self._seen, _, terminated, truncated, info = self.env.step(own)
             if self._seeds_global:
                 self._random = _states()
-        return self._reader.view(seen, self.goal), bool(terminated), bool(truncated), info
+        return self._reader.view(self._seen, self.goal), bool(terminated), bool(truncated), info
 
 
 def _states() -> tuple:

@@ -4,6 +4,7 @@ import dataclasses
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+import mujoco
 import numpy as np
 
 from tasks import registry
@@ -53,6 +54,18 @@ class FittedEnv:
     def show_subgoals(self, i: int, subgoals: Sequence[np.ndarray | None]) -> None:
         """Shows environment i's subgoals in pictures, where its scene has markers."""
         self._env.show_subgoals(i, subgoals)
+
+    def simulation(self, i: int) -> tuple[mujoco.MjModel, mujoco.MjData] | None:
+        """MuJoCo's model and state of environment i, to be read only; None: it is not MuJoCo's."""
+        return self._env.simulation(i)
+
+    def move_goal(self, i: int, goal: np.ndarray) -> Any:
+        """Gives environment i's episode another end goal [G].
+
+        Raises:
+          ValueError: its goal cannot be moved.
+        """
+        return self._env.move_goal(i, goal)
 
     def render(self, i: int, **size: Any) -> np.ndarray:
         """A picture of environment i, uint8 [height, width, 3]."""

@@ -4,6 +4,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import gymnasium
+import mujoco
 import numpy as np
 
 from tasks import vector
@@ -258,6 +259,20 @@ class Adapter:
 
     def show_subgoals(self, i: int, subgoals: Sequence[np.ndarray | None]) -> None:
         """Nothing: there are no markers in others' scenes."""
+
+    def simulation(self, i: int) -> tuple[mujoco.MjModel, mujoco.MjData] | None:
+        """MuJoCo's model and state of environment i, to be read only; None: it is not MuJoCo's."""
+        return self._copies[i].simulation
+
+    def move_goal(self, i: int, goal: np.ndarray) -> Step:
+        """Gives environment i's episode another end goal [G].
+
+        Raises:
+          ValueError: its goal cannot be moved.
+        """
+        view = self._copies[i].move_goal(np.asarray(goal, np.float64))
+        self._show(i, view, diverged=False, failed=False)
+        return self._fresh()
 
     def render(
         self, i: int, *, camera: int | str = 0, height: int = 480, width: int = 640

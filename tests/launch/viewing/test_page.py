@@ -10,6 +10,7 @@ import psutil
 import pytest
 
 import tasks
+from analysis.program import CommandError
 from launch.folder import policies
 from launch.pictures import scene
 from launch.viewing import panel, serving
@@ -50,6 +51,23 @@ def choose(page: Page, box, value) -> None:
     for call in box._impl.update_cb:
         call(event)
     turn(page)
+
+
+def test_a_goal_that_cannot_be_moved_has_no_sliders(server, page, monkeypatch):
+    def fixed(i, goal):
+        raise ValueError("it does not say where it keeps its goal")
+
+    monkeypatch.setattr(page._env, "move_goal", fixed)
+    monkeypatch.setattr(page._stage, "goal", [])
+    page._build_goal(server.gui)
+    assert page._sliders == []
+    turn(page)
+
+
+def test_what_mujoco_does_not_simulate_is_refused_with_what_shows_it(server, page, monkeypatch):
+    monkeypatch.setattr(page._env, "simulation", lambda i: None)
+    with pytest.raises(CommandError, match=r"play.py --output=video.mp4` films it"):
+        Page(server, page._env, page._spec, page._found, page._chosen)
 
 
 def test_step_takes_one_step_and_pauses(page):

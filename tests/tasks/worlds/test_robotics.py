@@ -5,6 +5,7 @@ import pytest
 
 import hac_suite
 import tasks
+from launch.pictures.stage import Stage, simulated
 
 pytestmark = pytest.mark.slow
 robotics = pytest.importorskip(
@@ -44,6 +45,21 @@ def test_welds_are_reset_with_the_mujoco_that_is_installed():
     end = [env.step(action) for _ in range(10)][-1].achieved_goal[0]
     assert 0.1 < end[0] - start[0] < 0.6
     np.testing.assert_allclose(end[1:], start[1:], atol=0.05)
+
+
+def test_a_maze_is_seen_in_3d_and_its_goal_moved():
+    env = tasks.load_vector("gym:PointMaze_UMaze-v3", 1)
+    env.reset(np.array([0]), test=True)
+    stage = Stage(env)
+    before = stage.poses().position
+    assert simulated(env) and len(stage.shapes) > 5 and not stage.subgoals
+    goal = np.array([0.5, 0.5])
+    np.testing.assert_array_equal(env.move_goal(0, goal).desired_goal[0], goal)
+    for _ in range(20):
+        seen = env.step(np.ones((1, 2)))
+    np.testing.assert_array_equal(seen.desired_goal[0], goal)
+    moved = np.abs(stage.poses().position - before).max(axis=1) > 1e-3
+    assert moved.sum() == 1  # the ball, and none of the walls
 
 
 def test_an_agent_is_trained():

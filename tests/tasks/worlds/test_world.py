@@ -56,6 +56,22 @@ def test_an_end_goal_that_moves_is_pursued_and_judged_where_it_is():
     assert np.linalg.norm(end.achieved_goal[0] - end.desired_goal[0]) <= toys.RADIUS
 
 
+def test_an_end_goal_can_be_moved_where_the_environment_keeps_it_in_goal(monkeypatch):
+    env = world()
+    env.reset(SEEDS[: env.num_envs])
+    wanted = np.array([0.3, -0.4])
+    seen = env.move_goal(1, wanted)
+    np.testing.assert_array_equal(seen.desired_goal[1], wanted)
+    assert not np.array_equal(seen.desired_goal[0], wanted)
+    seen = env.step(np.zeros((env.num_envs, 2)))
+    np.testing.assert_array_equal(seen.desired_goal[1], wanted)
+    assert env.simulation(0) is None  # MuJoCo has no part in it
+    for copy in env._env._copies:
+        monkeypatch.setattr(copy.env.unwrapped, "goal", "north")
+    with pytest.raises(ValueError, match="it does not say where it keeps its goal"):
+        env.move_goal(0, wanted)
+
+
 @pytest.mark.parametrize(
     ("reward", "problem"),
     [
