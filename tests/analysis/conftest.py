@@ -7,9 +7,18 @@ import pandas as pd
 import pytest
 
 from analysis.reading import schema
+from analysis.statistics import comparison, seeds
 
 Curves = Mapping[int, Sequence[Sequence[float | None]]]
 MakeResults = Callable[..., pd.DataFrame]
+
+
+@pytest.fixture(autouse=True)
+def fewer_resamples(request, monkeypatch) -> None:
+    """Intervals and p values of a fifth of the resamples: a judgement takes seconds with all."""
+    if request.path.parent.name != "statistics":
+        monkeypatch.setattr(seeds, "RESAMPLES", 1999)
+        monkeypatch.setattr(comparison, "_PERMUTATIONS", 1999)
 
 
 @pytest.fixture
