@@ -116,7 +116,7 @@ def parse(values: flags.FlagValues, argv: Sequence[str], words: str = "") -> lis
         extra = list(values(list(argv))[1:])
     except flags.UnrecognizedFlagError as error:
         raise CommandError(unknown("flag", error.flagname, sorted(values))) from error
-    except flags.Error as error:
+    except (flags.Error, ValueError) as error:  # a switch that is given a value is the latter
         raise CommandError(str(error).splitlines()[0]) from error
     if extra and not words:
         raise CommandError(f"unexpected word {extra[0]!r}: flags are typed like --task=pick_place")

@@ -20,7 +20,7 @@ THOROUGH = {
     "weights": 1000,
     "models": 1000,
     "programs": 200,
-    "readers": 60,
+    "readers": 40,
 }
 QUICK = {"readers": 2}
 FEW = 25

@@ -12,6 +12,7 @@ from analysis.reading import names
 
 _ROOT = Path(__file__).parents[2]
 _KEY = ("task", "subgoal_layers", "seed", "episode", "level", "step", "end_step", "outcome")
+_WORDS = ("task", "outcome")  # columns that hold no numbers
 _MISSING_COLUMNS = "{path}: lacks the column(s) {names}; record it anew with `{command}`"
 
 
@@ -36,10 +37,7 @@ def load_subgoals(folder: Path, task: str, points: Mapping[str, tuple[str, ...]]
       ValueError: it is not a table, or lacks columns; the message says how to make it.
     """
     path = Path(folder) / names.SUBGOALS
-    try:
-        table = pd.read_csv(path)
-    except (pd.errors.ParserError, pd.errors.EmptyDataError, UnicodeDecodeError) as error:
-        raise ValueError(f"{path}: not a table ({error})") from error
+    table = _read_table(path)
     wanted = [f"{kind}_{name}" if kind else name for kind in points for name in points[kind]]
     missing = [name for name in (*_KEY, *wanted) if name not in table]
     if missing:
@@ -49,23 +47,38 @@ def load_subgoals(folder: Path, task: str, points: Mapping[str, tuple[str, ...]]
     return table
 
 
+def _read_table(path: Path) -> pd.DataFrame:
+    try:
+        table = pd.read_csv(path, dtype=dict.fromkeys(_WORDS, str))
+    except (pd.errors.ParserError, pd.errors.EmptyDataError, UnicodeDecodeError) as error:
+        raise ValueError(f"{path}: not a table ({error})") from error
+    for name in table:
+        column = table[name]
+        if name not in _WORDS and len(table) and not pd.api.types.is_numeric_dtype(column):
+            raise ValueError(f"{path}: column {name} holds something else than numbers")
+        if column.isna().any():
+            raise ValueError(f"{path}: column {name} has empty cells")
+    return table
+
+
 def places(table: pd.DataFrame, kind: str, of: tuple[str, ...]) -> np.ndarray:
     """Points [rows, names] of a kind: "subgoal", "start" of the agent, its "end", or "goal"."""
     return table[[f"{kind}_{name}" for name in of]].to_numpy(dtype=float)
 
 
 def load_recorded(folder: Path, file: str) -> pd.DataFrame:
-    """starts.csv or maps.csv of a run folder.
+    """starts.csv, maps.csv or subgoals.csv of a run folder.
+
+    subgoals.csv is of trained policies: its `train_episodes` are -1.
 
     Raises:
       FileNotFoundError: there is no such file.
       ValueError: it is not one of these tables.
     """
     path = Path(folder) / file
-    try:
-        table = pd.read_csv(path)
-    except (pd.errors.ParserError, pd.errors.EmptyDataError, UnicodeDecodeError) as error:
-        raise ValueError(f"{path}: not a table ({error})") from error
+    table = _read_table(path)
+    if file == names.SUBGOALS:
+        table = table.assign(train_episodes=-1)
     missing = {"task", "subgoal_layers", "seed", "train_episodes", "episode"} - set(table)
     if missing:
         raise ValueError(f"{path}: lacks the column(s) {', '.join(sorted(missing))}")

@@ -6,7 +6,6 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import NamedTuple
 
-import pandas as pd
 from matplotlib.figure import Figure
 
 from analysis.figures.maps import draw_subgoal_maps, draw_values
@@ -72,7 +71,7 @@ def _maps(folder: Path, task: str) -> Iterator[Explanation]:
     try:
         table = load_recorded(folder, names.MAPS)
     except FileNotFoundError:
-        table = _of_the_trained(folder)
+        table = load_recorded(folder, names.SUBGOALS)
     if table["level"].empty:
         return
     yield Explanation(
@@ -83,11 +82,6 @@ def _maps(folder: Path, task: str) -> Iterator[Explanation]:
         "From left to right as training goes on, where the policies of several test periods were "
         "kept.",
     )
-
-
-def _of_the_trained(folder: Path) -> pd.DataFrame:
-    """The high-level subgoals that are recorded for the claims, of trained policies alone."""
-    return pd.read_csv(folder / names.SUBGOALS).assign(train_episodes=-1)
 
 
 def _values(folder: Path, task: str) -> Iterator[Explanation]:

@@ -120,7 +120,7 @@ def read(path: Path) -> Manifest | None:
     for name, (wanted, holds) in _FIELDS.items():
         if not holds(manifest[name]):
             raise CommandError(
-                f"{path}: {name} is {str(manifest[name])[:40]}, not {wanted}; mend it, or move the "
+                f"{path}: {name} is {manifest[name]!r:.40}, not {wanted}; mend it, or move the "
                 "folder away"
             )
     return manifest

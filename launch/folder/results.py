@@ -21,6 +21,9 @@ from analysis.reading.schema import (
 Row = dict[str, str]
 
 
+_WHOLE_NUMBERS = ("subgoal_layers", "seed", "period")
+
+
 class Changed(OSError):
     """Somebody changed the file while a launch was at work on it."""
 
@@ -39,8 +42,23 @@ def read(path: Path) -> tuple[list[Row], int]:
             to_table(lines, path)  # what cannot be is refused, here as in the analysis
     except ValueError as error:
         raise CommandError(f"{error}; mend it, or move it away") from error
-    rows = [dict(zip(lines.columns, cells, strict=True)) for cells in lines.rows.values()]
+    rows = [
+        _row(path, number, dict(zip(lines.columns, cells, strict=True)))
+        for number, cells in lines.rows.items()
+    ]
     return rows, int(lines.cut_short)
+
+
+def _row(path: Path, number: int, row: Row) -> Row:
+    """What says which runs are finished is written as this file has it: digits alone."""
+    for column in _WHOLE_NUMBERS:
+        cell = row[column]
+        if not (cell.isascii() and cell.isdigit()):
+            raise CommandError(
+                f"{path}, line {number}: {column} is {cell[:40]!r}, not digits alone; mend the "
+                "line or remove it"
+            )
+    return row
 
 
 def is_current(path: Path) -> bool:
