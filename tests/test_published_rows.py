@@ -26,7 +26,8 @@ def as_a_worker_has_it():
 
 
 @pytest.mark.parametrize(
-    ("task", "layers", "seed"), [("pendulum_climb", 0, 3), ("ur5_reacher", 1, 7)]
+    ("task", "layers", "seed"),
+    [("pendulum_climb", 0, 3), pytest.param("ur5_reacher", 1, 7, marks=pytest.mark.slow)],
 )
 def test_a_published_seed_is_trained_again(task, layers, seed):
     folder = grid.FOLDER / task

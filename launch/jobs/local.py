@@ -22,6 +22,7 @@ from launch.jobs.messages import Failed, Finished, Hooks, Send, Started, Warned
 Work = Callable[[Job, Send], None]
 
 _POLL_SECONDS = 0.2
+_START_METHOD = "spawn"  # nothing of the launch's own state, its threads least of all
 GRACE_SECONDS = 60.0  # for workers to save what they are at
 
 
@@ -129,7 +130,7 @@ def messages_of(job: Job, work: Work, log: Path) -> Generator[Any, None, None]:
 
 def _start(job: Job, work: Work, log: Path) -> _Worker:
     log.touch()  # there even if the process dies before it can open it
-    context = multiprocessing.get_context("spawn")
+    context = multiprocessing.get_context(_START_METHOD)
     receiver, sender = context.Pipe(duplex=False)
     process = context.Process(target=_main, args=(work, job, sender, log), name=job.name)
     process.daemon = True

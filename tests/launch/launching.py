@@ -1,12 +1,29 @@
 """A launch as launch/run.py makes it, with work of one's own in place of training."""
 
+import functools
+import sys
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
+from unittest import mock
+
+import pytest
 
 from launch import experiment
 from launch.asking import request
+from launch.jobs import local, recorder, worker
+from launch.pictures import summary
 from tests.launch import fake_jobs
 
 TASK = "pendulum_climb"
+
+
+def leave_out_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Launches draw and report nothing, which takes most of their time here."""
+    for module in (recorder, summary):
+        monkeypatch.setattr(module, "write_index", lambda *_: None)
+    monkeypatch.setattr(recorder, "write_figure", lambda path: None)
+    monkeypatch.setattr(summary, "write_report", lambda path: None)
 
 
 def words(out: Path, *more: str) -> list[str]:
@@ -15,11 +32,26 @@ def words(out: Path, *more: str) -> list[str]:
     return ["launch/run.py", *usual, *more]
 
 
-def launch(out: Path, *more: str, work=fake_jobs.train) -> int:
+def launch(out: Path, *more: str, work=fake_jobs.train, method: str = "fork") -> int:
     """Carries out that command; returns the exit status.
+
+    Its workers are forked unless `method` says otherwise, which takes no time: work that is no
+    training needs no fresh process.
 
     Raises:
       CommandError: as `experiment.run`.
     """
     argv = words(out, *more)
-    return experiment.run(request.parse(argv), argv, work=work)
+    if method == "spawn" or work is worker.train_job:
+        return experiment.run(request.parse(argv), argv, work=work)
+    with (
+        mock.patch.object(local, "_START_METHOD", "fork"),
+        mock.patch.object(local, "_main", functools.partial(_in_a_fork, local._main)),
+    ):
+        return experiment.run(request.parse(argv), argv, work=work)
+
+
+def _in_a_fork(main: Callable[..., None], *args: Any) -> None:
+    """What a worker does, with streams as a fresh process has them and not as pytest has."""
+    sys.stdout, sys.stderr = (open(number, "w", closefd=False) for number in (1, 2))  # noqa: SIM115
+    main(*args)

@@ -23,9 +23,14 @@ from launch.jobs.progress import Board
 from launch.jobs.recorder import Recorder
 from launch.pictures import scene, video
 from tests.launch import fake_jobs
-from tests.launch.launching import launch
+from tests.launch.launching import launch, leave_out_pictures
 
 BOTH = "--subgoal_layers=0,1"
+
+
+@pytest.fixture
+def undrawn(monkeypatch):
+    leave_out_pictures(monkeypatch)
 
 
 def trained(out) -> list[tuple[int, int]]:
@@ -63,6 +68,7 @@ def test_a_launch_leaves_a_whole_run_folder(tmp_path, capsys):
     assert not list(folder.path.glob("*.log")) and not list(folder.path.glob(".*.log"))
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_the_same_command_again_repeats_nothing(tmp_path, capsys):
     assert launch(tmp_path, "--seeds=2", "--periods=1") == 0
     before = (tmp_path / "pendulum_climb" / "results.csv").read_bytes()
@@ -72,12 +78,14 @@ def test_the_same_command_again_repeats_nothing(tmp_path, capsys):
     assert "2 of 2 seeds are finished already" in capsys.readouterr().out
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_more_seeds_and_agents_train_only_what_is_missing(tmp_path):
     assert launch(tmp_path, "--seeds=1", "--periods=1") == 0
     assert launch(tmp_path, BOTH, "--seeds=2", "--periods=1") == 0
     assert trained(tmp_path) == jobs(tmp_path) == [(0, 0), (0, 1), (1, 0), (1, 1)]
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_a_policy_of_fewer_periods_is_never_taken_for_that_of_more(tmp_path):
     assert launch(tmp_path, "--seeds=1", "--periods=2") == 0
     folder = RunFolder(tmp_path, "pendulum_climb")
@@ -89,6 +97,7 @@ def test_a_policy_of_fewer_periods_is_never_taken_for_that_of_more(tmp_path):
     assert folder.finished(job.agent, 2) == {0} and not folder.finished(job.agent, 3)
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_one_failing_agent_leaves_the_others_and_is_tried_again_alone(tmp_path, capsys):
     (tmp_path / "fail").write_text("1")
     assert launch(tmp_path, BOTH, "--seeds=2", "--periods=2") == 1
@@ -105,6 +114,7 @@ def test_one_failing_agent_leaves_the_others_and_is_tried_again_alone(tmp_path, 
     assert not folder.failures.exists()
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_a_line_cut_by_a_kill_is_dropped_and_its_seed_trained_again(tmp_path, capsys):
     assert launch(tmp_path, "--seeds=1", "--periods=1") == 0
     results = tmp_path / "pendulum_climb" / "results.csv"
@@ -116,6 +126,7 @@ def test_a_line_cut_by_a_kill_is_dropped_and_its_seed_trained_again(tmp_path, ca
     assert results.read_text().count("train_episodes") == 1
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_another_configuration_is_refused_and_changes_nothing(tmp_path):
     assert launch(tmp_path, "--seeds=1", "--periods=1") == 0
     before = {path: path.read_bytes() for path in tmp_path.rglob("*.*") if path.is_file()}
@@ -165,6 +176,7 @@ def test_a_skipped_refresh_of_the_figure_is_made_up_for(tmp_path, monkeypatch):
     assert len(drawn) == 2
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_a_stopped_launch_goes_on_with_the_same_command(tmp_path, capsys):
     threading.Timer(4.0, os.kill, (os.getpid(), signal.SIGTERM)).start()
     words = ("--seeds=1", "--periods=1", "--subgoal_layers=0")

@@ -16,10 +16,15 @@ from launch.folder import states as folder_states
 from launch.folder.agents import Agent, Job
 from launch.folder.layout import RunFolder
 from tests.launch import fake_jobs
-from tests.launch.launching import TASK, launch, words
+from tests.launch.launching import TASK, launch, leave_out_pictures, words
 
 ROOT = Path(__file__).resolve().parents[2]
 BOTH = "--subgoal_layers=0,1"
+
+
+@pytest.fixture(autouse=True)
+def undrawn(monkeypatch):
+    leave_out_pictures(monkeypatch)
 
 
 def states(out: Path) -> list[tuple[int, int, str]]:
@@ -72,7 +77,8 @@ def test_what_the_latest_launch_was_not_for_is_done_by_its_own_periods(tmp_path)
 LAUNCH = """
 import pathlib, sys
 from tests.launch import fake_jobs, launching
-launching.launch(pathlib.Path(sys.argv[1]), *sys.argv[2:], work=fake_jobs.train_for_ever)
+launching.launch(pathlib.Path(sys.argv[1]), *sys.argv[2:], work=fake_jobs.train_for_ever,
+                 method="spawn")
 """
 
 

@@ -12,7 +12,12 @@ from launch.folder.agents import Agent, Job
 from launch.folder.layout import RunFolder
 from launch.folder.scalars import Scalars
 from tests.launch import fake_jobs
-from tests.launch.launching import TASK, launch
+from tests.launch.launching import TASK, launch, leave_out_pictures
+
+
+@pytest.fixture(autouse=True)
+def undrawn(monkeypatch):
+    leave_out_pictures(monkeypatch)
 
 
 def curve(out: Path, seed: int, tag: str) -> list[tuple[int, float]]:
