@@ -110,6 +110,7 @@ def swing(test: bool = False):
 '''
 
 
+@pytest.mark.slow
 def test_a_task_in_a_file_of_ones_own_is_trained_as_one_of_the_suite(tmp_path):
     (tmp_path / "mine.py").write_text(OWN_TASK)
     words = [word for word in SMALL if not word.startswith("--task")]

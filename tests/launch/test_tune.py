@@ -160,6 +160,7 @@ def test_a_trial_whose_process_is_killed_twice_is_not_tried_again(tmp_path):
     assert "default" not in {trial.user_attrs.get("label") for trial in trials[4:]}
 
 
+@pytest.mark.slow
 def test_workers_share_a_study_and_lose_no_trial(tmp_path, capsys):
     # Long enough for the second worker to load torch on a slow machine.
     command = words(tmp_path, seconds=8, more=["--workers=2"])

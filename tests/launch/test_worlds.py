@@ -63,6 +63,7 @@ def test_a_world_is_trained_by_workers_and_its_manifest_says_what_it_was(trained
     assert origin["settings"]["max_steps"] == 30 and len(origin["package"]) > 3
 
 
+@pytest.mark.slow
 def test_the_same_command_finds_it_finished_and_other_spaces_are_refused(trained):
     words = (f"--task={POINT}", ARGS, *_SMALL, "--seeds=2", "--periods=1", "--novideo")
     again = program("run", trained, *words)
@@ -112,6 +113,7 @@ def _copied(part):
 
 
 @pytest.mark.requires_gl
+@pytest.mark.slow
 def test_a_trained_agent_is_played(trained):
     done = program("play", trained, f"--task={POINT}", ARGS, "--subgoal_layers=1", "--output=a.png")
     assert done.returncode == 0, done.stdout + done.stderr
