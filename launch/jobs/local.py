@@ -13,7 +13,7 @@ from collections.abc import Callable, Generator, Iterator, Sequence
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, Final, NamedTuple
 
 from launch.asking import start
 from launch.folder.agents import Job
@@ -22,7 +22,7 @@ from launch.jobs.messages import Failed, Finished, Hooks, Send, Started, Warned
 Work = Callable[[Job, Send], None]
 
 _POLL_SECONDS = 0.2
-_START_METHOD = "spawn"  # nothing of the launch's own state, its threads least of all
+_START_METHOD: Final = "spawn"  # nothing of the launch's own state, its threads least of all
 GRACE_SECONDS = 60.0  # for workers to save what they are at
 
 
