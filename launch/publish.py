@@ -61,12 +61,17 @@ def _flags() -> flags.FlagValues:
     values = flags.FlagValues()
     flags.DEFINE_string("task", "pick_place", "which task", values)
     flags.DEFINE_string("runs", "runs", "holds the task's run folder", values)
+    define_places(values)
+    flags.DEFINE_boolean("add", False, "keep other agents and seeds that are published", values)
+    return values
+
+
+def define_places(values: flags.FlagValues) -> None:
+    """Defines the flags that say where published results and policies are."""
     flags.DEFINE_string("data", os.path.relpath(grid.FOLDER), "holds published results", values)
     flags.DEFINE_string(
         "policies", os.path.relpath(policies.PUBLISHED), "holds published policies", values
     )
-    flags.DEFINE_boolean("add", False, "keep other agents and seeds that are published", values)
-    return values
 
 
 def publish(folder: RunFolder, data: Path, chosen: Path, *, add: bool = False) -> list[Path]:

@@ -1,6 +1,5 @@
 """Makes one static folder of the published results and the docs: `make site`."""
 
-import os
 import shutil
 import sys
 from collections.abc import Sequence
@@ -21,6 +20,7 @@ from analysis.reading import files, grid, names, paper
 from analysis.report.index import write_index
 from analysis.report.run_report import write_report
 from hac_suite import policy_files
+from launch import publish
 from launch.folder import policies
 from launch.folder.layout import RunFolder
 from launch.pictures import replay
@@ -39,7 +39,7 @@ Flags:
 
 Exit status: 0 done; 2 the command was wrong, or what it is to read is not there or damaged."""
 
-DOCS = "docs"
+_DOCS = "docs"
 
 
 def main(argv: Sequence[str]) -> int:
@@ -51,10 +51,7 @@ def main(argv: Sequence[str]) -> int:
 def _flags() -> flags.FlagValues:
     values = flags.FlagValues()
     flags.DEFINE_string("output", "build/site", "the folder to make, or to make again", values)
-    flags.DEFINE_string("data", os.path.relpath(grid.FOLDER), "holds published results", values)
-    flags.DEFINE_string(
-        "policies", os.path.relpath(policies.PUBLISHED), "holds published policies", values
-    )
+    publish.define_places(values)
     flags.DEFINE_string("docs", None, "holds the docs as web pages; none: a site without", values)
     return values
 
@@ -85,8 +82,8 @@ def build(output: Path, data: Path, chosen: Path, docs: Path | None) -> Path:
             _run_folder(RunFolder(site, task), data / task, own)
         links = {}
         if docs is not None:
-            shutil.copytree(docs, site / DOCS, ignore=shutil.ignore_patterns(".*", "_sources"))
-            links["Documentation"] = f"{DOCS}/index.html"
+            shutil.copytree(docs, site / _DOCS, ignore=shutil.ignore_patterns(".*", "_sources"))
+            links["Documentation"] = f"{_DOCS}/index.html"
         write_index(site, title="HAC suite: published results", links=links)
     return output / "index.html"
 

@@ -21,6 +21,10 @@ Manifest = dict[str, Any]
 
 _MOST = 10**9  # of anything that is counted here
 _ROOT = Path(__file__).resolve().parents[2]
+_OF_A_LAUNCH = (
+    "command", "asked", "planned", "failures", "started", "finished", "workers", "device",
+    "commit", "versions", "machine",
+)  # fmt: skip
 _PACKAGES = ("dm-control", "gymnasium", "mujoco", "numpy", "pandas", "scipy", "torch")
 _DIFFERS = (
     "{path} holds runs of another configuration ({differences}); "
@@ -67,10 +71,16 @@ def add_launch(
         "versions": versions(),
         "machine": machine(),
     }
-    earlier = manifest["earlier_launches"]
-    if "command" in manifest:
-        earlier = [*earlier, {name: manifest.get(name) for name in launch}]
-    return {**manifest, **launch, "earlier_launches": earlier}
+    assert tuple(launch) == _OF_A_LAUNCH
+    return {**manifest, **launch, "earlier_launches": _launches(manifest)}
+
+
+def _launches(manifest: Manifest) -> list[dict[str, Any]]:
+    """What the manifest says of each launch so far, oldest first."""
+    if "command" not in manifest:
+        return manifest["earlier_launches"]
+    latest = {name: manifest.get(name) for name in _OF_A_LAUNCH}
+    return [*manifest["earlier_launches"], latest]
 
 
 def joined(published: Manifest, piece: Manifest) -> Manifest:
@@ -78,12 +88,11 @@ def joined(published: Manifest, piece: Manifest) -> Manifest:
 
     The launches of the piece are the latest ones.
     """
-    last = add_launch(published, [], 1, "")["earlier_launches"]
     return {
         **piece,
         "horizons": {**published["horizons"], **piece["horizons"]},
         "jobs": [*published["jobs"], *piece["jobs"]],
-        "earlier_launches": [*last, *piece["earlier_launches"]],
+        "earlier_launches": [*_launches(published), *piece["earlier_launches"]],
     }
 
 

@@ -21,7 +21,8 @@ from analysis.reading.schema import (
 Row = dict[str, str]
 
 
-_WHOLE_NUMBERS = ("subgoal_layers", "seed", "period")
+_MOST_DIGITS = 15  # Python does not read numbers of thousands of digits, be they zeros
+_WHOLE_NUMBERS = ("subgoal_layers", "seed", "period")  # what says which runs are finished
 
 
 class Changed(OSError):
@@ -50,10 +51,10 @@ def read(path: Path) -> tuple[list[Row], int]:
 
 
 def _row(path: Path, number: int, row: Row) -> Row:
-    """What says which runs are finished is written as this file has it: digits alone."""
+    """The row, if what is counted in it is written as this file has it: in digits alone."""
     for column in _WHOLE_NUMBERS:
         cell = row[column]
-        if not (cell.isascii() and cell.isdigit()):
+        if not (cell.isascii() and cell.isdigit() and len(cell) <= _MOST_DIGITS):
             raise CommandError(
                 f"{path}, line {number}: {column} is {cell[:40]!r}, not digits alone; mend the "
                 "line or remove it"

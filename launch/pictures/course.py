@@ -9,7 +9,7 @@ import hac_suite
 import tasks
 from hac_suite.types import VectorEnv
 from launch.asking import settings
-from launch.pictures.stage import Poses, Stage, Unseen, simulated
+from launch.pictures.stage import Poses, Stage, Unseen, simulation_of
 from launch.pictures.subgoal_log import LoggedSubgoal, SubgoalLog
 
 _MOST_PHOTOS = 160  # of an episode
@@ -46,7 +46,7 @@ def record(policy: hac_suite.Policy, seed: int) -> Course:
     config = settings.to_config(policy.metadata["config"])
     env: Any = tasks.load_vector(policy.metadata["task"], 1)
     log = SubgoalLog(env, policy.horizons)
-    eye = _Watching(Stage(env)) if simulated(env) else _Photographing(env)
+    eye = _Watching(Stage(env)) if simulation_of(env) else _Photographing(env)
 
     def on_step(view: hac_suite.StepView) -> None:
         log.on_step(view)

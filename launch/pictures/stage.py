@@ -36,9 +36,10 @@ class Watched(VectorEnv, Protocol):
     def move_goal(self, i: int, goal: np.ndarray) -> EnvStep: ...
 
 
-def simulated(env: Any) -> bool:
-    """Whether MuJoCo simulates an environment, so that its bodies can be drawn: it is `Watched`."""
-    return hasattr(env, "simulation") and env.simulation(0) is not None
+def simulation_of(env: Any) -> tuple[mujoco.MjModel, mujoco.MjData] | None:
+    """MuJoCo's model and state of environment 0: it is `Watched`. None: it cannot be drawn."""
+    simulation = getattr(env, "simulation", None)
+    return None if simulation is None else simulation(0)
 
 
 class Shape(NamedTuple):
@@ -94,8 +95,8 @@ class Stage:
         self.camera = _camera(self.model, data)
 
     def _simulation(self) -> tuple[mujoco.MjModel, mujoco.MjData]:
-        found = self._env.simulation(0)
-        assert found is not None, "see `simulated`"
+        found = simulation_of(self._env)
+        assert found is not None, "it cannot be drawn"
         return found
 
     @property

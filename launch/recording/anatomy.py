@@ -7,8 +7,7 @@ import numpy as np
 
 import tasks
 from launch.pictures.subgoal_log import Replayed
-
-_DIGITS = 3  # millimetres
+from launch.recording.tables import DIGITS
 
 
 def anatomy(chosen: Sequence[tuple[Replayed, int]], task: str) -> dict[str, Any]:
@@ -56,4 +55,4 @@ def _episode(played: Replayed, index: int) -> dict[str, Any]:
 
 
 def _rounded(point: np.ndarray) -> list[float]:
-    return [round(float(value), _DIGITS) for value in point]
+    return [round(float(value), DIGITS) for value in point]

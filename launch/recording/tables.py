@@ -10,7 +10,7 @@ from analysis.program import CommandError
 from analysis.reading.files import write_atomically
 from launch.pictures.subgoal_log import Replayed, replay
 
-_DIGITS = 3  # millimetres
+DIGITS = 3  # of positions in records: millimetres
 
 
 def replayed(path: Path, episodes: int) -> Replayed:
@@ -44,4 +44,4 @@ def points(names: Sequence[str], *kinds: str) -> list[str]:
 
 def rounded(values: Iterable[float]) -> list[str]:
     """Coordinates as a table has them."""
-    return [f"{value:.{_DIGITS}f}" for value in values]
+    return [f"{value:.{DIGITS}f}" for value in values]

@@ -12,9 +12,9 @@ from hac_suite.types import level_specs
 from launch.asking import settings
 from launch.folder import policies
 from launch.pictures import choosing
+from launch.recording.tables import DIGITS
 
 _GRID = 41  # points of a side of a map
-_DIGITS = 3  # millimetres
 
 
 def of_agents(found: Sequence[policies.Found]) -> dict[str, Any]:
@@ -77,8 +77,8 @@ class _Grid:
             "title": self.title,
             "names": [self._space.names[d] for d in plane],
             "units": [self._space.units[d] for d in plane],
-            "axes": [axis.round(_DIGITS).tolist() for axis in self.axes],
+            "axes": [axis.round(DIGITS).tolist() for axis in self.axes],
             "q": value.reshape(_GRID, _GRID).round(2).tolist(),
-            "here": here[plane].round(_DIGITS).tolist(),
-            "goal": None if goal is None else goal[plane].round(_DIGITS).tolist(),
+            "here": here[plane].round(DIGITS).tolist(),
+            "goal": None if goal is None else goal[plane].round(DIGITS).tolist(),
         }

@@ -18,13 +18,19 @@ class GoalHandle:
 
     Attributes:
       axes: whether the marker can move along x, y and z at all; none for a task without one.
+      why_fixed: why the goal cannot be moved; "" where it can.
     """
 
     def __init__(self, env: Watched, stage: Stage, goal: np.ndarray):
         """`env` has begun an episode, whose goal [G] is shown again afterwards."""
         self._env, self._stage, self._space = env, stage, env.goal_space
         self.axes = (False, False, False)
-        if stage.goal:
+        self.why_fixed = ""
+        try:
+            env.move_goal(0, goal)
+        except ValueError as error:
+            self.why_fixed = str(error)
+        if stage.goal and not self.why_fixed:
             middle = (np.asarray(self._space.low) + self._space.high) / 2
             x, y, z = (np.abs(self._slopes(middle)).max(axis=1) > _MOVES).tolist()
             self._env.move_goal(0, goal)

@@ -14,7 +14,7 @@ from analysis.program import CommandError
 from analysis.reading import paper
 from launch.folder import policies
 from launch.pictures.scene import Scene
-from launch.pictures.stage import Stage, Watched, simulated
+from launch.pictures.stage import Stage, Watched, simulation_of
 from launch.viewing import panel
 from launch.viewing.episode import Episode
 from launch.viewing.goal_handle import GoalHandle
@@ -57,7 +57,7 @@ class Page:
         self._chosen, self._seed = chosen, seed
         self._policy = _load(chosen)
         self.player = Player(self._episode(), spec.control_timestep)
-        if not simulated(env):
+        if simulation_of(env) is None:
             raise CommandError(
                 f"{chosen.task}: MuJoCo does not simulate it, so there are no bodies to show here; "
                 "`python launch/play.py --output=video.mp4` films it"
@@ -122,10 +122,8 @@ class Page:
     def _build_goal(self, gui: Any) -> None:
         space = self._spec.goal_space
         self._sliders = []
-        try:
-            self._env.move_goal(0, self.player.episode.goal)
-        except ValueError as error:
-            gui.add_html(panel.hint(str(error)))
+        if self._handle.why_fixed:
+            gui.add_html(panel.hint(self._handle.why_fixed))
             return
         for index, (name, unit) in enumerate(zip(space.names, space.units, strict=True)):
             low, high = float(space.low[index]), float(space.high[index])

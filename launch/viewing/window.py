@@ -11,7 +11,7 @@ import tasks
 from analysis.program import CommandError
 from launch.folder import policies
 from launch.jobs.local import StopSignal
-from launch.pictures.stage import Camera, Stage, simulated
+from launch.pictures.stage import Camera, Stage, simulation_of
 from launch.viewing.episode import Episode
 from launch.viewing.player import Player
 
@@ -34,7 +34,7 @@ def play(found: policies.Found, word: str, stop: StopSignal) -> None:
         player = Player(Episode(env, policy, 0), env.control_timestep, speed=_SPEED)
     except (KeyError, TypeError, ValueError) as error:
         raise CommandError(f"policy {found.path}: {error}") from error
-    simulation = env.simulation(0) if simulated(env) else None
+    simulation = simulation_of(env)
     if simulation is None:
         raise CommandError(
             f"{found.task}: MuJoCo does not simulate it, so its window cannot show it"

@@ -7,23 +7,12 @@ from pathlib import Path
 from typing import Any
 from unittest import mock
 
-import pytest
-
 from launch import experiment
 from launch.asking import request
-from launch.jobs import local, recorder, worker
-from launch.pictures import summary
+from launch.jobs import local, worker
 from tests.launch import fake_jobs
 
 TASK = "pendulum_climb"
-
-
-def leave_out_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Launches draw and report nothing, which takes most of their time here."""
-    for module in (recorder, summary):
-        monkeypatch.setattr(module, "write_index", lambda *_: None)
-    monkeypatch.setattr(recorder, "write_figure", lambda path: None)
-    monkeypatch.setattr(summary, "write_report", lambda path: None)
 
 
 def words(out: Path, *more: str) -> list[str]:

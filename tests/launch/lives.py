@@ -14,7 +14,7 @@ import signal
 import sys
 import time
 import types
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 import pytest
@@ -33,7 +33,7 @@ from tests.hac_suite.tiny_envs import PointEnv
 
 TASK = "pendulum_climb"
 MAX_STEPS = 20
-_WORDS = (
+USUAL = (
     f"--task={TASK}", "--novideo", "--config.episodes_per_period=12", "--config.test_episodes=2",
     "--config.updates_per_episode=1", "--config.batch_size=16", "--config.hidden_sizes=(8,8)",
     "--config.replay_capacity=300",
@@ -77,7 +77,7 @@ def _execute(jobs, work, hooks, **_) -> None:
 def live(
     out: Path,
     *words: str,
-    usual: Sequence[str] = _WORDS,
+    usual: Sequence[str] = USUAL,
     kill_after: float | None = None,
     first: Callable[[], object] = lambda: None,
 ) -> tuple[int, str]:
@@ -152,6 +152,11 @@ def standings(out: Path) -> dict[str, int]:
         assert not complaints, complaints
         found[folder.name] = newest.train_episodes if newest else 0
     return found
+
+
+def fallen_back(before: Mapping[str, int], now: Mapping[str, int]) -> int:
+    """How many runs stand further back on the disk than before."""
+    return sum(now.get(name, 0) < episodes for name, episodes in before.items())
 
 
 def wait_for(holds: Callable[[], bool], seconds: float) -> None:

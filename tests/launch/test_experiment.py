@@ -23,14 +23,9 @@ from launch.jobs.progress import Board
 from launch.jobs.recorder import Recorder
 from launch.pictures import scene, video
 from tests.launch import fake_jobs
-from tests.launch.launching import launch, leave_out_pictures
+from tests.launch.launching import launch
 
 BOTH = "--subgoal_layers=0,1"
-
-
-@pytest.fixture
-def undrawn(monkeypatch):
-    leave_out_pictures(monkeypatch)
 
 
 def trained(out) -> list[tuple[int, int]]:

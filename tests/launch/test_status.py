@@ -16,15 +16,13 @@ from launch.folder import states as folder_states
 from launch.folder.agents import Agent, Job
 from launch.folder.layout import RunFolder
 from tests.launch import fake_jobs
-from tests.launch.launching import TASK, launch, leave_out_pictures, words
+from tests.launch.launching import TASK, launch, words
 
 ROOT = Path(__file__).resolve().parents[2]
 BOTH = "--subgoal_layers=0,1"
 
 
-@pytest.fixture(autouse=True)
-def undrawn(monkeypatch):
-    leave_out_pictures(monkeypatch)
+pytestmark = pytest.mark.usefixtures("undrawn")
 
 
 def states(out: Path) -> list[tuple[int, int, str]]:

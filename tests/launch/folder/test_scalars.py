@@ -12,12 +12,9 @@ from launch.folder.agents import Agent, Job
 from launch.folder.layout import RunFolder
 from launch.folder.scalars import Scalars
 from tests.launch import fake_jobs
-from tests.launch.launching import TASK, launch, leave_out_pictures
+from tests.launch.launching import TASK, launch
 
-
-@pytest.fixture(autouse=True)
-def undrawn(monkeypatch):
-    leave_out_pictures(monkeypatch)
+pytestmark = pytest.mark.usefixtures("undrawn")
 
 
 def curve(out: Path, seed: int, tag: str) -> list[tuple[int, float]]:

@@ -15,11 +15,14 @@ from typing import Any, NamedTuple
 
 import pytest
 
+from launch import experiment
+from launch.asking import request
 from launch.folder import states
 from launch.folder.layout import RunFolder
 from launch.jobs import checkpointing
 from tests.launch.jobs.test_kills import finished
-from tests.launch.lives import TASK, live, outcome, standings, tiny
+from tests.launch.lives import TASK, USUAL, fallen_back, live, outcome, standings, tiny
+from tests.test_soak import memory, open_files
 
 __all__ = ["tiny"]
 
@@ -79,7 +82,7 @@ def storm(tmp_path: Path, faults: int, chance: random.Random) -> Storm:
             assert status in (0, 1, 2), printed
             assert "Traceback" not in printed, printed
             now = standings(here) | finished(here)
-            lost += sum(now.get(name, 0) < episodes for name, episodes in before.items())
+            lost += fallen_back(before, now)
             before, launches = now, launches + 1
         status, printed = live(here, *WORDS)
         assert status == 0, printed
@@ -100,12 +103,6 @@ def test_a_thousand_faults_lose_nothing(tmp_path, tiny):
     assert seen.faults >= 1000 and seen.lost == 0
 
 
-def resident() -> tuple[float, int]:
-    """MiB of this process, and how many files it holds open."""
-    pages = int(Path("/proc/self/statm").read_text().split()[1])
-    return pages * os.sysconf("SC_PAGE_SIZE") / 2**20, len(os.listdir("/proc/self/fd"))
-
-
 @pytest.mark.slow
 @pytest.mark.timeout(1800)
 def test_a_day_of_checkpoints_resumes_and_status_calls(tmp_path, tiny, monkeypatch):
@@ -113,10 +110,6 @@ def test_a_day_of_checkpoints_resumes_and_status_calls(tmp_path, tiny, monkeypat
 
     The clock on the wall jumps, to and fro.
     """
-    from launch import experiment
-    from launch.asking import request
-    from tests.launch.lives import _WORDS
-
     folder, saved, measured = RunFolder(tmp_path, TASK), [0], []
     at_boundary, now, chance = checkpointing.Saver.at_boundary, time.time, random.Random(0)
 
@@ -129,13 +122,13 @@ def test_a_day_of_checkpoints_resumes_and_status_calls(tmp_path, tiny, monkeypat
 
     monkeypatch.setattr(checkpointing.Saver, "at_boundary", stopping)
     monkeypatch.setattr(time, "time", lambda: now() + chance.uniform(-1e5, 1e5))
-    words = ["launch/run.py", *_WORDS, f"--out={tmp_path}", "--seeds=1", "--subgoal_layers=1",
+    words = ["launch/run.py", *USUAL, f"--out={tmp_path}", "--seeds=1", "--subgoal_layers=1",
              "--periods=300"]  # fmt: skip
     while saved[0] < 2 * 288:
         with pytest.raises(SystemExit, match="the checkpoint holds all until here"):
             experiment.run(request.parse(words), words)
         size = sum(file.stat().st_size for file in folder.checkpoints.rglob("*"))
-        measured.append((*resident(), size))
+        measured.append((memory(), open_files(), size))
         assert not list(folder.path.rglob(".*.tmp*"))
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
     quarter, end = measured[len(measured) // 4], measured[-1]

@@ -20,6 +20,7 @@ from launch.jobs import local, messages
 from tests.launch import fake_jobs
 from tests.launch.lives import (
     TASK,
+    fallen_back,
     in_one_process,
     live,
     outcome,
@@ -71,7 +72,7 @@ def storm(out: Path, kills: int, chance: random.Random) -> Storm:
             killed += status != 0
             half_written += any(here.rglob(".*.tmp*"))
             now = standings(here) | finished(here)
-            lost += sum(now.get(name, 0) < episodes for name, episodes in before.items())
+            lost += fallen_back(before, now)
             before = now
         assert outcome(here) == expected, experiments
         experiments += 1

@@ -58,9 +58,10 @@ def test_a_goal_that_cannot_be_moved_has_no_sliders(server, page, monkeypatch):
         raise ValueError("it does not say where it keeps its goal")
 
     monkeypatch.setattr(page._env, "move_goal", fixed)
-    monkeypatch.setattr(page._stage, "goal", [])
-    page._build_goal(server.gui)
-    assert page._sliders == []
+    server.scene.reset()
+    server.gui.reset()
+    page = Page(server, page._env, page._spec, page._found, page._chosen)
+    assert page._sliders == [] and not any(page._handle.axes)
     turn(page)
 
 

@@ -5,7 +5,7 @@ import pytest
 
 import hac_suite
 import tasks
-from launch.pictures.stage import Stage, simulated
+from launch.pictures.stage import Stage, simulation_of
 
 pytestmark = pytest.mark.slow
 robotics = pytest.importorskip(
@@ -52,7 +52,7 @@ def test_a_maze_is_seen_in_3d_and_its_goal_moved():
     env.reset(np.array([0]), test=True)
     stage = Stage(env)
     before = stage.poses().position
-    assert simulated(env) and len(stage.shapes) > 5 and not stage.subgoals
+    assert simulation_of(env) and len(stage.shapes) > 5 and not stage.subgoals
     goal = np.array([0.5, 0.5])
     np.testing.assert_array_equal(env.move_goal(0, goal).desired_goal[0], goal)
     for _ in range(20):
