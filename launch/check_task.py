@@ -52,14 +52,14 @@ def main(argv: Sequence[str]) -> int:
 
 
 def _check(word: str, values: flags.FlagValues) -> int:
+    if word.startswith("gym:") or word.endswith(".toml"):
+        raise CommandError(
+            f"{word}: it checks dm_control tasks; `python launch/fit.py` looks at this"
+        )
     try:
         entry = tasks.find(word)
     except ValueError as error:
         raise CommandError(str(error)) from error
-    if entry.word.startswith("gym:") or entry.word.endswith(".toml"):
-        raise CommandError(
-            f"{word}: it checks dm_control tasks; `python launch/fit.py` looks at this"
-        )
     still = Path(values.still or f"{entry.name}.png")
     if values.still_only:
         return _render(entry, still)

@@ -22,7 +22,7 @@ THOROUGH = {
     "programs": 200,
     "readers": 40,
 }
-QUICK = {"readers": 2}
+QUICK = {"readers": 2, "results": 10, "manifests": 10}
 FEW = 25
 
 

@@ -47,7 +47,7 @@ def train(learner: str, seeds: list[int], periods: int, layers: int = 1, **other
     )
 
 
-@pytest.mark.parametrize("layers", [0, 1])
+@pytest.mark.parametrize("layers", [0, pytest.param(1, marks=pytest.mark.slow)])
 def test_it_learns(learner, layers):
     results = train(learner, [0, 1, 2], 5, layers)
     success = [np.mean([row["success_rate"] for row in result.rows]) for result in results]

@@ -18,6 +18,7 @@ from analysis.reading import grid
 from hac_suite import policy_files
 from launch.folder import policies
 from tests import generated
+from tests.cases import some_slow
 from tests.test_programs import PROGRAMS
 
 TASK = "pendulum_climb"
@@ -144,7 +145,7 @@ def run(tmp_path, monkeypatch) -> Path:
 
 
 @pytest.mark.timeout(1800)
-@pytest.mark.parametrize("name", READERS)
+@pytest.mark.parametrize("name", some_slow(READERS, "analysis.anatomy"))
 def test_files(try_all, name, run, monkeypatch):
     monkeypatch.setattr("launch.publish.record_subgoals.record", lambda *args: [])
     files = {

@@ -25,9 +25,9 @@ def as_a_worker_has_it():
     torch.set_flush_denormal(False)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
-    ("task", "layers", "seed"),
-    [("pendulum_climb", 0, 3), pytest.param("ur5_reacher", 1, 7, marks=pytest.mark.slow)],
+    ("task", "layers", "seed"), [("pendulum_climb", 0, 3), ("ur5_reacher", 1, 7)]
 )
 def test_a_published_seed_is_trained_again(task, layers, seed):
     folder = grid.FOLDER / task

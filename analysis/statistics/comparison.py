@@ -7,7 +7,7 @@ strata, the seeds of one agent on one task. Sources: scipy.stats.
 from collections.abc import Callable, Sequence
 
 import numpy as np
-from scipy import stats
+import scipy
 
 from analysis.statistics.seeds import CONFIDENCE, Bounds, bootstrap
 
@@ -35,7 +35,7 @@ def rank_p(new: np.ndarray, old: np.ndarray) -> float:
     """Two-sided p of Mann and Whitney's test; 1 where all tie."""
     if np.ptp(np.concatenate([new, old])) == 0:
         return 1.0
-    return float(stats.mannwhitneyu(new, old).pvalue)
+    return float(scipy.stats.mannwhitneyu(new, old).pvalue)
 
 
 def permutation_p(new: np.ndarray, old: np.ndarray) -> float:
@@ -59,7 +59,7 @@ def _mean_difference(x: np.ndarray, y: np.ndarray, axis: int = -1) -> np.ndarray
 def _permuted(samples: tuple, statistic: Callable[..., np.ndarray], kind: str) -> float:
     if min(map(len, samples)) < 2 or np.ptp(np.concatenate(samples)) == 0:
         return 1.0
-    found = stats.permutation_test(
+    found = scipy.stats.permutation_test(
         samples,
         statistic,
         permutation_type=kind,
@@ -75,18 +75,18 @@ def log_rank_p(new: np.ndarray, old: np.ndarray, budget: float) -> float:
     if (new > budget).all() and (old > budget).all():
         return 1.0
     with np.errstate(invalid="ignore"):  # 0 / 0 where all seeds tie
-        found = stats.logrank(*(_censored(times, budget) for times in (new, old)))
+        found = scipy.stats.logrank(*(_censored(times, budget) for times in (new, old)))
     return 1.0 if np.isnan(found.pvalue) else float(found.pvalue)
 
 
-def _censored(times: np.ndarray, budget: float) -> stats.CensoredData:
+def _censored(times: np.ndarray, budget: float) -> "scipy.stats.CensoredData":
     late = times > budget
-    return stats.CensoredData(uncensored=times[~late], right=np.full(late.sum(), budget))
+    return scipy.stats.CensoredData(uncensored=times[~late], right=np.full(late.sum(), budget))
 
 
 def share_bounds(successes: int, n: int) -> Bounds:
     """95% interval of a share, exact (Clopper and Pearson): 0 of 10 is not certainly 0."""
-    found = stats.binomtest(successes, n).proportion_ci(CONFIDENCE, method="exact")
+    found = scipy.stats.binomtest(successes, n).proportion_ci(CONFIDENCE, method="exact")
     return float(found.low), float(found.high)
 
 

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
-from scipy import stats
+import scipy
 
 from analysis.reading import schema
 
@@ -56,7 +56,7 @@ def bootstrap(
         return NO_BOUNDS
     for method in ("BCa", "percentile"):
         with warnings.catch_warnings(action="ignore"):  # BCa warns where it is undefined
-            found = stats.bootstrap(
+            found = scipy.stats.bootstrap(
                 tuple(samples),
                 statistic,
                 n_resamples=RESAMPLES,

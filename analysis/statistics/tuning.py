@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy import stats
+import scipy
 
 from analysis.reading import paper
 
@@ -28,7 +28,7 @@ class Spread(NamedTuple):
 
     @classmethod
     def of(cls, values: Sequence[float]) -> "Spread":
-        error = float(stats.sem(values)) if len(values) > 1 else float("nan")
+        error = float(scipy.stats.sem(values)) if len(values) > 1 else float("nan")
         return cls(float(np.mean(values)), error)
 
     def text(self, scale: float = 1.0, digits: int = 3) -> str:

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pandas as pd
-from scipy import stats
+import scipy
 
 from analysis.reading import paper
 from analysis.statistics import areas, comparison
@@ -188,5 +188,5 @@ def seeds_needed(new: np.ndarray, old: np.ndarray) -> int | None:
     if len(gains) < 3 or not gains.mean():
         return None
     spread = gains.std(ddof=1) / abs(gains.mean())
-    z = stats.norm.ppf(1 - evidence.ALPHA / 2) + stats.norm.ppf(POWER)
+    z = scipy.stats.norm.ppf(1 - evidence.ALPHA / 2) + scipy.stats.norm.ppf(POWER)
     return max(math.ceil((z * spread) ** 2), len(gains) + 1, LEAST_SEEDS)

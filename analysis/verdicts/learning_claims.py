@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pandas as pd
-from scipy import stats
+import scipy
 
 from analysis.reading import paper, schema
 from analysis.statistics import comparison
@@ -75,7 +75,7 @@ def _names(items: Iterable[Evidence]) -> set[str]:
 
 def _share_of_seeds(task: str, agent: str, last: np.ndarray) -> Evidence:
     solved, n = int((last > CONSISTENT).sum()), len(last)
-    p = float(stats.binomtest(solved, n, CONSISTENT, alternative="less").pvalue)
+    p = float(scipy.stats.binomtest(solved, n, CONSISTENT, alternative="less").pvalue)
     bounds = comparison.share_bounds(solved, n)
     return Evidence(task, agent, _CONSISTENT, "share", (n,), solved / n, *bounds, p)
 

@@ -51,7 +51,9 @@ def _rival(results: pd.DataFrame, others: Mapping[str, pd.DataFrame]) -> Rival:
         found = {OWN if found else "": results, **found}
     if not found:
         return Rival("", results, {})
-    strongest = max(found, key=lambda name: areas_of(found[name], 0).mean())
+    areas = {name: areas_of(rows, 0) for name, rows in found.items()}
+    means = {name: own.mean() for name, own in areas.items() if len(own)}
+    strongest = max(means, key=means.__getitem__, default=next(iter(found)))
     return Rival(strongest, found.pop(strongest), found)
 
 

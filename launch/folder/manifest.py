@@ -1,6 +1,7 @@
 """manifest.json: what a run folder's results were made with, and by which commands."""
 
 import contextlib
+import functools
 import hashlib
 import importlib.metadata
 import json
@@ -235,8 +236,12 @@ def now() -> str:
 
 def versions() -> dict[str, str]:
     """Python's version and those of the packages that results depend on."""
-    packages = {name: importlib.metadata.version(name) for name in _PACKAGES}
-    return {"python": platform.python_version(), **packages}
+    return {"python": platform.python_version(), **_versions_of_packages()}
+
+
+@functools.cache
+def _versions_of_packages() -> dict[str, str]:
+    return {name: importlib.metadata.version(name) for name in _PACKAGES}
 
 
 def machine() -> dict[str, Any]:

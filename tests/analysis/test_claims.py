@@ -63,6 +63,7 @@ def test_results_like_the_papers_support_its_claims(make_grid):
     assert claims["e"].reason == "supported on 15 of 15"
 
 
+@pytest.mark.slow
 def test_one_task_where_the_flat_agent_is_as_good_speaks_against_every_task(make_grid):
     claims = _claims(make_grid(pendulum_climb=dict.fromkeys(range(3), _like(FAST))))
     assert claims["a"].verdict == claims["c"].verdict == NOT_SUPPORTED
@@ -74,6 +75,7 @@ def test_one_task_where_the_flat_agent_is_as_good_speaks_against_every_task(make
     assert claims["b"].verdict == SUPPORTED  # on four tasks, which are many
 
 
+@pytest.mark.slow
 def test_pick_and_place_is_the_papers_exception_to_deeper_is_faster(make_grid):
     claims = _claims(make_grid(pick_place={0: _like(SLOW), 1: _like(FASTER), 2: _like(FAST)}))
     assert claims["c"].verdict == SUPPORTED
@@ -96,6 +98,7 @@ def test_few_seeds_decide_nothing(make_grid):
     assert [verdicts[letter] for letter in "abce"] == [UNDECIDED] * 4
 
 
+@pytest.mark.slow
 def test_seeds_that_all_tie_are_judged_without_nan(make_grid):
     nothing, everything = [[0.0] * 4] * 6, [[0.0, 1.0, 1.0, 1.0]] * 6
     claims = _claims(make_grid({0: nothing, 1: everything, 2: everything}))
@@ -117,12 +120,14 @@ def test_a_gain_that_may_be_large_or_none_is_undecided(make_grid):
     assert claims["a"].verdict == claims["c"].verdict == UNDECIDED
 
 
+@pytest.mark.slow
 def test_a_flat_agent_that_solves_most_tasks_refutes_inconsistency(make_grid):
     claims = _claims(make_grid(dict.fromkeys(range(3), _like(FAST)), pick_place=AS_IN_THE_PAPER))
     assert claims["b"].verdict == NOT_SUPPORTED
     assert _verdicts(claims["b"])["pick_place", "0"] == SUPPORTED
 
 
+@pytest.mark.slow
 def test_steps_far_from_the_papers_are_not_supported(make_grid, make_results):
     folder = make_grid()
     slow = make_results(AS_IN_THE_PAPER, "ur5_reacher", steps=100)
@@ -134,6 +139,7 @@ def test_steps_far_from_the_papers_are_not_supported(make_grid, make_results):
     assert claim.evidence[2].value == pytest.approx(102.5 / 60)
 
 
+@pytest.mark.slow
 def test_a_seed_that_ended_early_is_named(make_grid):
     ended = {**AS_IN_THE_PAPER, 2: [[0.0, 0.9, None, None], *_like(FASTER)[1:]]}
     claims = _claims(make_grid(ur5_reacher=ended))
@@ -216,6 +222,7 @@ def test_the_strongest_flat_agent_is_the_one_to_beat(make_grid, make_run, tmp_pa
     assert shares == {"0 (TD3+HER)": 1.0}  # all its seeds end at 97%
 
 
+@pytest.mark.slow
 def test_a_weaker_flat_agent_changes_no_verdict(make_grid, make_run, tmp_path):
     weak = make_run({0: [[0.0] * 4] * 6}, task="pendulum_climb")
     weak.rename(tmp_path / "climb")

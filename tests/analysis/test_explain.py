@@ -75,6 +75,7 @@ def folder(tmp_path):
     return run
 
 
+@pytest.mark.slow
 def test_every_picture_is_written_and_in_the_report(folder, capsys):
     assert main(["", str(folder)]) == 0
     written = [line.rpartition("/")[2] for line in capsys.readouterr().out.split()]
@@ -86,6 +87,7 @@ def test_every_picture_is_written_and_in_the_report(folder, capsys):
     assert "Nothing is recorded" not in page
 
 
+@pytest.mark.slow
 def test_without_records_the_command_that_makes_them_is_named(folder, capsys):
     for name in (names.STARTS, names.MAPS, names.FAILED_EPISODES, names.VALUES):
         (folder / name).unlink()

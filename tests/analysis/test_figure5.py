@@ -3,6 +3,7 @@
 import matplotlib.image
 import numpy as np
 import pandas as pd
+import pytest
 
 from analysis.figure5 import COLUMNS, NOTHING_YET, draw_figure5, main, summarise
 from analysis.reading import grid, paper, schema
@@ -42,6 +43,7 @@ def test_a_panel_shows_its_own_tasks_means_and_n(make_run):
     np.testing.assert_array_equal(climb.lines[0].get_ydata(), [0.0, 1.0])
 
 
+@pytest.mark.slow
 def test_tasks_without_runs_say_so_and_the_console_names_them(make_run, capsys):
     folder = make_run(CURVES, task="ur5_reacher").parent
     header_only = folder / "pick_place"
@@ -56,6 +58,7 @@ def test_tasks_without_runs_say_so_and_the_console_names_them(make_run, capsys):
     assert [ax.texts[0].get_text() for ax in empty] == [NOTHING_YET] * 4
 
 
+@pytest.mark.slow
 def test_files_hold_what_was_plotted_and_repeat_byte_for_byte(make_run, tmp_path):
     folder = make_run(CURVES).parent
     outputs = [tmp_path / "new" / "a", tmp_path / "b"]

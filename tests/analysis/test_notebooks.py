@@ -66,6 +66,7 @@ def test_notebooks_are_kept_with_their_outputs_in_order(name):
     assert str(FOLDER.parents[1]) not in json.dumps(notebook)  # nobody else has these folders
 
 
+@pytest.mark.slow
 def test_figure5_of_another_folder(execute, make_run):
     make_run(CURVES, task="ur5_reacher")
     notebook = execute("reproduce_figure5", folder=make_run(CURVES).parent)
@@ -75,6 +76,7 @@ def test_figure5_of_another_folder(execute, make_run):
     assert "pendulum_climb: no runs yet" in printed
 
 
+@pytest.mark.slow
 def test_figure5_stops_at_a_folder_without_results(execute, tmp_path):
     with pytest.raises(CellExecutionError, match="holds results of none of the paper's tasks"):
         execute("reproduce_figure5", folder=tmp_path)

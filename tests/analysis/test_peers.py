@@ -102,6 +102,7 @@ def test_the_command_prints_both_tables_and_draws(data, tmp_path, capsys):
     assert (folder / "peers.png").stat().st_size > 30_000
 
 
+@pytest.mark.slow
 def test_real_curves_of_tasks_of_which_we_have_no_results(data, tmp_path, capsys):
     assert peers.main(["", f"--peers={REAL}", f"--data={data}", f"--output={tmp_path}"]) == 0
     printed = capsys.readouterr().out

@@ -84,6 +84,7 @@ def studies(folder):
     return read(folder)
 
 
+@pytest.mark.slow
 def test_a_study_is_what_its_journal_says(studies):
     flat, two = studies
     assert flat.title == "1-Object Pick-and-Place, 0 subgoal layers, td3" and not flat.trials
@@ -144,6 +145,7 @@ def test_one_seed_has_no_spread(tmp_path):
     assert "| 0 (default), the best | 0.400 | - | 40 | 3.00 |" in tuning.as_text(read(tmp_path)[0])
 
 
+@pytest.mark.slow
 def test_the_command_writes_figure_and_numbers_and_prints_the_tables(folder, tmp_path, capsys):
     before = {path: path.read_bytes() for path in folder.glob("*.journal")}
     out = tmp_path / "out"

@@ -73,6 +73,7 @@ def test_a_meter_counts_one_piece_of_work_only():
     assert meter.measure(lambda: None).acting_seconds == 0
 
 
+@pytest.mark.slow
 def test_a_team_works_side_by_side_and_reports_failures():
     with Team(functools.partial, [(pow, 2), (pow, 3)]) as team:
         seconds, answers = team.work(5)

@@ -19,6 +19,8 @@ from analysis.statistics.peers import COLUMNS, load_curve
 from tests.bench.peers import __main__ as program
 from tests.bench.peers import agents, curves, training
 
+pytestmark = pytest.mark.slow  # strangers' learners, which take seconds to begin with
+
 TASK = "pendulum_climb"
 
 

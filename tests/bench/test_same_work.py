@@ -11,6 +11,8 @@ from tests.bench.population import Training
 from tests.bench.same_work import Ours, check
 from tests.bench.work import whole_horizon
 
+pytestmark = pytest.mark.slow  # the benchmark's own work, which takes seconds
+
 TASK = "pendulum_climb"
 SEEDS = (3, 8)
 CONFIG = dataclasses.replace(

@@ -192,6 +192,7 @@ JSON = st.recursive(
 NAMES = st.sampled_from(["format", "about", "numbers", "tensors", "train_episodes", "checksum"])
 
 
+@pytest.mark.slow
 @given(st.binary() | JSON.map(lambda value: json.dumps(value).encode()))
 def test_no_content_ends_in_anything_but_a_complaint(tmp_path_factory, content):
     folder = tmp_path_factory.mktemp("folder")
@@ -200,6 +201,7 @@ def test_no_content_ends_in_anything_but_a_complaint(tmp_path_factory, content):
     assert found is None and len(complaints) == 1
 
 
+@pytest.mark.slow
 @given(st.dictionaries(NAMES, JSON))
 def test_nor_does_one_with_the_right_checksum(tmp_path_factory, entries):
     folder = tmp_path_factory.mktemp("folder")

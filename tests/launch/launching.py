@@ -1,8 +1,9 @@
 """A launch as launch/run.py makes it, with work of one's own in place of training."""
 
+import contextlib
 import functools
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 from unittest import mock
@@ -33,11 +34,18 @@ def launch(out: Path, *more: str, work=fake_jobs.train, method: str = "fork") ->
     argv = words(out, *more)
     if method == "spawn" or work is worker.train_job:
         return experiment.run(request.parse(argv), argv, work=work)
+    with forked_workers():
+        return experiment.run(request.parse(argv), argv, work=work)
+
+
+@contextlib.contextmanager
+def forked_workers() -> Iterator[None]:
+    """Workers are forked meanwhile."""
     with (
         mock.patch.object(local, "_START_METHOD", "fork"),
         mock.patch.object(local, "_main", functools.partial(_in_a_fork, local._main)),
     ):
-        return experiment.run(request.parse(argv), argv, work=work)
+        yield
 
 
 def _in_a_fork(main: Callable[..., None], *args: Any) -> None:

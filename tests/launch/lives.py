@@ -62,6 +62,7 @@ def in_one_process(monkeypatch: pytest.MonkeyPatch) -> None:
     """Leaves worker processes and pictures out of launches."""
     monkeypatch.setattr(experiment, "execute", _execute)
     monkeypatch.setattr(recorder, "write_figure", lambda path: None)
+    monkeypatch.setattr(recorder, "write_index", lambda *_: None)
     monkeypatch.setattr(summary, "present", lambda *_: None)
     monkeypatch.setattr(summary, "summarise", lambda *_: None)
     monkeypatch.setattr(manifest, "commit", lambda: None)

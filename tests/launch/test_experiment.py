@@ -183,6 +183,7 @@ def test_a_stopped_launch_goes_on_with_the_same_command(tmp_path, capsys):
     assert load(tmp_path / "pendulum_climb")["period"].tolist() == [0, 1]
 
 
+@pytest.mark.slow
 def test_a_page_over_all_runs_links_the_report(tmp_path):
     assert launch(tmp_path, "--seeds=1", "--periods=1") == 0
     page = (tmp_path / "index.html").read_text()
@@ -209,6 +210,7 @@ def test_pictures_that_fail_do_not_harm_training(tmp_path, capsys, monkeypatch):
     assert len(trained(tmp_path)) == 1
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_without_the_viewer_a_line_says_that_there_are_no_replays(tmp_path, capsys, monkeypatch):
     def missing() -> None:
         raise scene.ViewerMissing(scene.LACKING)
@@ -222,6 +224,7 @@ def test_without_the_viewer_a_line_says_that_there_are_no_replays(tmp_path, caps
     assert not (tmp_path / "pendulum_climb" / "replays").exists()
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_a_damaged_policy_costs_a_warning_and_a_damaged_number_is_refused(tmp_path, capsys):
     words = ("--seeds=1", "--periods=1", "--subgoal_layers=0")
     assert launch(tmp_path, *words) == 0

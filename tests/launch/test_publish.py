@@ -103,6 +103,7 @@ def test_an_experiment_trained_in_pieces_is_published_as_if_in_one(tmp_path, tin
     assert [name for name in after if after[name] != before[name]] == ["manifest.json"]
 
 
+@pytest.mark.slow
 def test_a_piece_of_another_configuration_is_refused(folder, tmp_path, capsys):
     assert command(folder) == 0
     before = contents(tmp_path / "data")
@@ -144,6 +145,7 @@ def contents(folder: Path) -> dict[str, bytes]:
     return {str(file.relative_to(folder)): file.read_bytes() for file in folder.rglob("*.*")}
 
 
+@pytest.mark.slow
 def test_a_kill_while_publishing_leaves_what_was_published_or_all_of_the_new(
     folder, tmp_path, monkeypatch
 ):

@@ -58,6 +58,7 @@ def test_a_small_experiment_from_another_folder(experiment):
     }  # fmt: skip
 
 
+@pytest.mark.slow
 def test_one_worker_gives_what_two_give(experiment, tmp_path):
     done = run(tmp_path, *SMALL, "--novideo", "--workers=1")
     assert done.returncode == 0, done.stderr
@@ -83,6 +84,7 @@ def test_the_same_command_adds_the_video_that_is_missing(experiment):
     assert (folder / "results.csv").read_bytes() == before
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("word", ["--task=pick_plce", "--config.batch_sze=3"])
 def test_a_wrong_command_exits_with_2_one_line_and_nothing_created(tmp_path, word):
     done = run(tmp_path, word)
@@ -92,6 +94,7 @@ def test_a_wrong_command_exits_with_2_one_line_and_nothing_created(tmp_path, wor
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.slow
 def test_help(tmp_path):
     done = run(tmp_path, "--help")
     assert done.returncode == 0 and "--task=pick_place" in done.stdout

@@ -86,6 +86,7 @@ def test_bad_input_is_answered_in_one_line(asked, run, capsys, words, answer):
     assert answer in printed and printed.count("\n") == 1 and not asked
 
 
+@pytest.mark.slow
 @pytest.mark.requires_gl
 def test_a_moving_picture_has_all_of_them_and_is_small_enough(run, tmp_path):
     output = tmp_path / "stages.webp"

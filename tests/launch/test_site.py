@@ -25,6 +25,7 @@ def published(tmp_path):
     return tmp_path
 
 
+@pytest.mark.slow
 def test_a_report_and_a_replay_for_each_task_and_the_docs(published):
     pytest.importorskip("viser")
     output = published / "site"

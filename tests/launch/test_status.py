@@ -80,6 +80,7 @@ launching.launch(pathlib.Path(sys.argv[1]), *sys.argv[2:], work=fake_jobs.train_
 """
 
 
+@pytest.mark.slow
 def test_a_running_experiment_and_the_same_one_killed(tmp_path, capsys):
     asked = [BOTH, "--seeds=2", "--periods=2", "--workers=1"]
     process = subprocess.Popen(
@@ -196,6 +197,7 @@ def test_what_is_no_run_folder_is_answered_in_one_line(tmp_path, capsys):
     assert status.main(["launch/status.py", "--help"]) == 0
 
 
+@pytest.mark.slow
 def test_from_the_shell_it_is_plain_text_and_quick(tmp_path):
     path = folder_with(tmp_path, {(0, 0): [1.0, 20]}, 1)
     command = [sys.executable, ROOT / "launch" / "status.py", path]

@@ -45,6 +45,7 @@ def of_state(trials, state):
     return [trial for trial in trials if trial.state == state]
 
 
+@pytest.mark.slow
 def test_the_budget_is_that_of_all_launches_together(tmp_path, capsys):
     assert tune.main(words(tmp_path, seconds=0.3), train=fake_trainings.quick) == 0
     first = study(tmp_path).trials
@@ -124,11 +125,12 @@ def launch(out, training, *more):
     raise AssertionError(f"it ended with {process.wait()}")
 
 
-@pytest.mark.parametrize(("number", "status"), [(signal.SIGKILL, -9), (signal.SIGINT, 130)])
-def test_the_same_command_continues_what_a_signal_ended(tmp_path, capsys, number, status):
+@pytest.mark.slow
+@pytest.mark.parametrize("number", (signal.SIGKILL, signal.SIGINT))
+def test_the_same_command_continues_what_a_signal_ended(tmp_path, capsys, number):
     process = launch(tmp_path, "endless")
     process.send_signal(number)
-    assert process.wait(timeout=30) == status
+    assert process.wait(timeout=30) == {signal.SIGKILL: -9, signal.SIGINT: 130}[number]
     with (tmp_path / f"{NAME}.journal").open("ab") as file:
         file.write(b'{"op_code":5,"worker')  # what a kill in mid-write leaves
     assert tune.main(words(tmp_path, seconds=1), train=fake_trainings.quick) == 0
@@ -175,6 +177,7 @@ def test_workers_share_a_study_and_lose_no_trial(tmp_path, capsys):
     assert os.listdir(tmp_path) == [f"{NAME}.journal"]
 
 
+@pytest.mark.slow
 def test_a_worker_that_dies_is_said_and_its_trial_is_found(tmp_path, capfd):
     process = launch(tmp_path, "endless", "--workers=2")
     (other,) = _children(process.pid)
@@ -322,6 +325,7 @@ def test_another_search_space_is_another_study(tmp_path, capsys):
     )
 
 
+@pytest.mark.slow
 def test_a_start_that_was_added_is_tried_next_and_no_start_twice(tmp_path):
     tune.main(words(tmp_path, seconds=0.3), train=fake_trainings.quick)
     begun = len(study(tmp_path).trials)

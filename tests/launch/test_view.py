@@ -13,6 +13,8 @@ from launch import view
 from launch.pictures import scene
 from launch.viewing import live
 
+_PROGRAMS = (["launch/view.py"], ["launch/play.py", "--viewer=auto"])
+
 
 def test_without_the_extra_one_line_says_how_to_install_it(monkeypatch, capsys):
     monkeypatch.setitem(sys.modules, "viser", None)  # as if it were not there
@@ -41,7 +43,8 @@ def test_a_wrong_command_is_answered_in_one_line(words, answer, capsys, monkeypa
     assert answer in printed.err and printed.err.count("\n") == 1 and not printed.out
 
 
-@pytest.mark.parametrize("program", [["launch/view.py"], ["launch/play.py", "--viewer=auto"]])
+@pytest.mark.slow
+@pytest.mark.parametrize("program", _PROGRAMS)
 def test_a_page_is_served_until_it_is_ended(program):
     """Where there is no display, the window of play is this page as well."""
     pytest.importorskip("viser", exc_type=ImportError)

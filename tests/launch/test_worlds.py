@@ -49,6 +49,7 @@ def run_folder(trained: Path) -> Path:
     return folder
 
 
+@pytest.mark.slow
 def test_a_world_is_trained_by_workers_and_its_manifest_says_what_it_was(trained):
     folder = run_folder(trained)
     results = pd.read_csv(folder / "results.csv")
@@ -154,6 +155,7 @@ def test_flags_become_one_word():
 # -- fit
 
 
+@pytest.mark.slow
 def test_fit_writes_a_file_that_run_trains_with(tmp_path):
     output = tmp_path / "point_fit.toml"
     done = program("fit", tmp_path, f"--task={POINT}", "--train_episodes=4", f"--output={output}")

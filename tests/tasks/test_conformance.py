@@ -10,8 +10,13 @@ from dm_env import test_utils
 import tasks
 from tasks import base, markers
 from tasks.authoring import check
+from tests.cases import some_slow
 from tests.tasks import scripted
 
+# Composer compiles each task anew to draw it: two of them stand for the others.
+_DRAWN = pytest.mark.parametrize(
+    "name", some_slow(tasks.ALL, *set(tasks.ALL) - {"pick_place", "pendulum_climb"})
+)
 _EVERY_TASK = pytest.mark.parametrize("name", tasks.ALL)
 
 
@@ -76,6 +81,7 @@ def test_what_the_spec_says_is_what_was_compiled(name):
     assert env.observation_dim == spec.observation_dim
 
 
+@pytest.mark.slow
 @_EVERY_TASK
 def test_what_check_task_looks_for_is_good(name):
     found = list(check.findings(tasks.find(name)))
@@ -226,7 +232,7 @@ def test_markers_are_only_seen(name):
 
 
 @pytest.mark.requires_gl
-@_EVERY_TASK
+@_DRAWN
 def test_markers_show_and_hide_in_their_colours(name):
     env = tasks.load_vector(name, 2)
     env.reset(np.array([1, 2]), test=True)
@@ -258,7 +264,7 @@ def _greenness(image, without):
 
 
 @pytest.mark.requires_gl
-@_EVERY_TASK
+@_DRAWN
 def test_two_cameras_see_the_scene_and_rendering_disturbs_nothing(name):
     env, twin = tasks.load_vector(name, 2), tasks.load_vector(name, 2)
     assert env._model.ncam == 2

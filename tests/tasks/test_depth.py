@@ -78,6 +78,7 @@ def test_a_goal_of_any_level_is_for_as_many_seconds_at_every_rate(name, rate):
         assert spans[1][-1] >= fine.control_timestep * fine.max_steps - 1e-9
 
 
+@pytest.mark.slow
 @_BOTH
 @_RATES
 def test_only_the_decisions_differ(name, rate):
@@ -128,6 +129,7 @@ def test_composer_steps_it_as_the_vectorised_path_does(name):
         np.testing.assert_array_equal(*both)
 
 
+@pytest.mark.slow
 def test_an_action_held_for_two_decisions_moves_the_arm_as_at_the_suite_s_rate():
     fine = _rollout(_find("ur5_reacher", 2).load_vector(_SEEDS.size), 2)
     coarse = _rollout(tasks.load_vector("ur5_reacher", _SEEDS.size), 1)
@@ -147,6 +149,7 @@ def test_so_does_the_worm_unless_it_gets_hold_of_the_rod_between_the_suite_s_dec
         assert same[: got_hold[1][env], env].all()
 
 
+@pytest.mark.slow
 @_BOTH
 def test_at_four_times_the_rate_nothing_but_the_physics_step_differs(name):
     """Bit for bit the suite's task in physics as fine, until a worm gets hold of a rod."""
@@ -161,6 +164,7 @@ def test_at_four_times_the_rate_nothing_but_the_physics_step_differs(name):
         np.testing.assert_array_equal(fine[:step, env], coarse[:step, env])
 
 
+@pytest.mark.slow
 def test_finer_physics_bring_the_arm_to_the_same_place():
     """To a twentieth of the threshold, 7 cm, over a third of an episode."""
     fine = _rollout(_find("ur5_reacher", 4).load_vector(_SEEDS.size), 4)[::4]

@@ -1,11 +1,13 @@
 """The sampling planner finds plans that work, in fewer steps than the scripted controller takes."""
 
 import numpy as np
+import pytest
 
 import tasks
 from tests.tasks import planner
 
 
+@pytest.mark.slow
 def test_a_shortened_plan_still_reaches_the_goal():
     script = planner.scripted_plan("pendulum_climb", seed=0)
     single = tasks.load_vector("pendulum_climb", 1)

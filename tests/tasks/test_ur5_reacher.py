@@ -136,6 +136,7 @@ def test_goals_lie_to_both_sides():
     assert 0.2 < left.mean() < 0.8
 
 
+@pytest.mark.slow
 def test_a_scripted_controller_succeeds_in_time():
     env, step = _episodes(test=True)
     steps_to_goal = np.full(env.num_envs, -1)

@@ -6,6 +6,7 @@ import pytest
 from dm_control.rl import control
 
 import tasks
+from tests.cases import some_slow
 
 _SEEDS = np.array([3, 141, 2**32 - 1])
 _MADE = ("observation", "achieved_goal", "achieved_subgoal", "desired_goal")
@@ -37,7 +38,7 @@ def _random_actions(env, random_state, blocks=10):
     return np.repeat(drawn, blocks, axis=0)[: env.max_steps]
 
 
-@pytest.mark.parametrize("test", [False, True])
+@pytest.mark.parametrize("test", some_slow((True, False), False))
 @pytest.mark.parametrize("name", tasks.ALL)
 def test_equals_composer_over_whole_episodes(name, test):
     env = tasks.load_vector(name, len(_SEEDS))

@@ -13,6 +13,7 @@ from hac_suite.algorithm import exploration, hierarchy, transitions
 from hac_suite.algorithm.record import BY_EPISODE, Outcome
 from hac_suite.config import PAPER, PRESETS
 from hac_suite.types import level_specs
+from tests.cases import some_slow
 from tests.hac_suite.recursive_hac import Draws, RecursiveHac, Transition, first_row
 from tests.hac_suite.tiny_envs import PointEnv
 
@@ -30,7 +31,7 @@ HORIZONS = {
     4: [(2, 2, 2, 1), (2, 2, 2, 3), (3, 2, 1, 9)],
 }
 # More levels than the suite's agents have take long.
-LEVELS = [1, 2, 3, pytest.param(4, marks=pytest.mark.slow)]
+LEVELS = some_slow(HORIZONS, 4)
 PRESET_CASES = {
     "subgoal achieved",
     "subgoal missed",
@@ -218,7 +219,7 @@ def expected_cases(levels, config):
 
 
 @pytest.mark.parametrize("levels", LEVELS)
-@pytest.mark.parametrize("preset", PRESETS)
+@pytest.mark.parametrize("preset", some_slow(PRESETS, "release_2018", "release_2020"))
 def test_the_engine_stores_what_the_algorithms_say(preset, levels):
     cases = Counter()
     for seed, horizons in enumerate(HORIZONS[levels]):
@@ -249,7 +250,7 @@ SWITCHES = {
 
 
 @pytest.mark.parametrize("dropped", [True, False])
-@pytest.mark.parametrize("goals", [1, 2, 4])
+@pytest.mark.parametrize("goals", some_slow((1, 2, 4), 1, 4))
 @pytest.mark.parametrize("levels", LEVELS)
 def test_hindsight_for_each_transition_means_the_same_to_both(levels, goals, dropped):
     config = dataclasses.replace(
@@ -267,11 +268,11 @@ def test_hindsight_for_each_transition_means_the_same_to_both(levels, goals, dro
 
 
 @pytest.mark.parametrize("switch", SWITCHES)
-def test_each_switch_alone_means_the_same_to_both(switch):
+@pytest.mark.parametrize("horizons", some_slow([[6, 2, 9], [2, 2, 3]], [2, 2, 3]))
+def test_each_switch_alone_means_the_same_to_both(switch, horizons):
     config = dataclasses.replace(PAPER, **{switch: SWITCHES[switch]})
-    for horizons in ((6, 2, 9), (2, 2, 3)):
-        built = array_transitions(config, horizons, seed=7)
-        assert_same(built, recursive_transitions(config, horizons, seed=7)[0])
+    built = array_transitions(config, horizons, seed=7)
+    assert_same(built, recursive_transitions(config, horizons, seed=7)[0])
 
 
 @pytest.mark.parametrize("preset", PRESETS)
@@ -330,7 +331,7 @@ def assert_same_test_episodes(config, horizons, seed):
     return run.success
 
 
-@pytest.mark.parametrize("levels", LEVELS)
+@pytest.mark.parametrize("levels", some_slow(HORIZONS, 3, 4))
 @pytest.mark.parametrize("until_horizon", [True, False])
 def test_a_test_episode_is_a_subgoal_test_from_top_to_bottom(levels, until_horizon):
     config = dataclasses.replace(PAPER, test_until_horizon=until_horizon)

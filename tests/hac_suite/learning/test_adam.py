@@ -1,5 +1,6 @@
 """The stacked optimiser against torch's own."""
 
+import pytest
 import torch
 
 from hac_suite.learning.adam import Adam
@@ -15,6 +16,7 @@ def networks() -> tuple[StackedMLP, list[torch.nn.Parameter]]:
     return network, [torch.nn.Parameter(row.clone()) for row in network.parameters]
 
 
+@pytest.mark.slow
 def test_every_seed_steps_as_with_torch():
     network, alone = networks()
     optimiser = Adam(network, 1e-2)

@@ -49,6 +49,7 @@ AGENTS = [("ddpg", 0), ("ddpg", 2), ("td3", 0), ("td3", 1), ("td3", 2)]
 AGENTS = [("ddpg", 1), *(pytest.param(*agent, marks=pytest.mark.slow) for agent in AGENTS)]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("learner", "layers"), AGENTS)
 def test_agents_learn_the_tiny_task(learner, layers):
     results = run(dataclasses.replace(SMALL, learner=learner), [0, 1, 2], layers, periods=5)

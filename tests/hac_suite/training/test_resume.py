@@ -15,6 +15,7 @@ from hac_suite.config import PAPER, horizons
 from hac_suite.state import SeedState
 from hac_suite.training import loop
 from hac_suite.training.callback import Boundary, Callback
+from tests.cases import some_slow
 from tests.hac_suite.tiny_envs import PointEnv
 
 # Small rings, so that they are full and turning when a training is interrupted.
@@ -110,7 +111,7 @@ def without_clock(numbers: dict) -> dict:
     return {**numbers, "rows": rows, "seconds": None, "core_seconds": None}
 
 
-@pytest.mark.parametrize("layers", [0, 1, 2])
+@pytest.mark.parametrize("layers", some_slow((0, 1, 2), 0, 2))
 @BOTH
 def test_resumed_at_any_boundary_equals_uninterrupted(config, layers, tmp_path):
     """Networks, optimisers, replay, streams, counts and rows; the last policies with the rows."""

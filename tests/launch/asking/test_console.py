@@ -105,6 +105,7 @@ def test_who_still_listens_is_told_that_the_output_is_closed(tmp_path, tiny):
     assert status == 0 and printed.count("nobody reads the output any more") == 1
 
 
+@pytest.mark.slow
 def test_a_worker_of_a_launch_without_standard_streams_works(tmp_path):
     script = tmp_path / "launch_one.py"
     script.write_text(

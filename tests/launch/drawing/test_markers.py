@@ -74,6 +74,7 @@ def test_a_subgoal_that_has_just_ended_shows_what_became_of_it(course, view):
     assert at > 100
 
 
+@pytest.mark.slow
 def test_words_do_not_cover_each_other(course, view, monkeypatch):
     places = []
     monkeypatch.setattr(

@@ -227,6 +227,7 @@ def test_preparing_removes_what_a_kill_left_half_written_and_nothing_else(folder
     assert files == {".lock", *theirs}
 
 
+@pytest.mark.slow
 def test_half_written_files_have_the_names_that_preparing_removes(folder, monkeypatch):
     def killed(*_):
         raise KeyboardInterrupt
@@ -271,7 +272,7 @@ def _hold(folder: RunFolder, locked, release) -> None:
 
 @pytest.mark.parametrize("killed", [False, True])
 def test_a_second_launch_is_refused_until_the_first_ends_or_dies(folder, killed):
-    context = multiprocessing.get_context("spawn")
+    context = multiprocessing.get_context("fork")
     locked, release = context.Event(), context.Event()
     first = context.Process(target=_hold, args=(folder, locked, release))
     first.start()

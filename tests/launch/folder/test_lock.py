@@ -11,6 +11,7 @@ from analysis.program import CommandError
 from launch.folder import lock
 
 
+@pytest.mark.slow
 def test_readers_never_keep_a_launch_out(tmp_path):
     with lock.held(tmp_path):
         pass

@@ -22,6 +22,7 @@ WORDS = ("--seeds=4", "--subgoal_layers=1", "--periods=2", "--workers=2")
 GIGABYTE = 10**9
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("layers", [0, 1, 2])
 def test_a_checkpoint_is_about_as_large_as_reckoned(tmp_path, layers):
     config = hac_suite.Config(

@@ -9,6 +9,7 @@ import pytest
 from analysis.program import CommandError
 from launch.folder import states
 from launch.folder.layout import RunFolder
+from tests.cases import some_slow
 from tests.launch.lives import TASK, live, tiny, tiny_task
 
 __all__ = ["tiny"]
@@ -53,7 +54,7 @@ def gigabytes(file: Path) -> None:
 
 
 @pytest.mark.parametrize("name", FILES)
-@pytest.mark.parametrize("strange", [pipe, folder, device, gigabytes])
+@pytest.mark.parametrize("strange", some_slow((pipe, folder, device, gigabytes), gigabytes))
 def test_what_is_no_small_file_is_answered_at_once(finished, tmp_path, tiny, strange, name):
     if strange is gigabytes and name.endswith(".safetensors") and "checkpoints" in name:
         pytest.skip("a checkpoint may be as large")

@@ -49,12 +49,20 @@ def interrupted(out: Path, episodes: int = 20) -> RunFolder:
     return RunFolder(out, TASK)
 
 
-@pytest.fixture
-def whole(tmp_path, tiny) -> dict:
-    """What an uninterrupted launch leaves."""
-    status, printed = live(tmp_path / "whole", *WORDS)
+@pytest.fixture(scope="module")
+def whole_once(tmp_path_factory) -> dict:
+    with pytest.MonkeyPatch.context() as patch:
+        tiny_task(patch)
+        out = tmp_path_factory.mktemp("whole")
+        status, printed = live(out, *WORDS)
     assert status == 0, printed
-    return outcome(tmp_path / "whole")
+    return outcome(out)
+
+
+@pytest.fixture
+def whole(whole_once, tiny) -> dict:
+    """What an uninterrupted launch leaves."""
+    return whole_once
 
 
 @pytest.fixture(scope="module")

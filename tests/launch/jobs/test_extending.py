@@ -126,6 +126,7 @@ def extend_with_kills(both: Path, out: Path, kills: int, chance: random.Random) 
     return killed
 
 
+@pytest.mark.slow
 def test_killed_while_extending_nothing_finished_is_lost(both, tmp_path, tiny):
     assert extend_with_kills(both, tmp_path, 5, random.Random(1)) >= 5
 
@@ -256,6 +257,7 @@ def without_final_states() -> None:
     checkpointing.Saver.at_boundary = dying  # type: ignore[method-assign]
 
 
+@pytest.mark.slow
 def test_killed_before_its_final_state_a_run_goes_on_from_the_one_before(both, tmp_path, tiny):
     out = tmp_path / "here"
     for _ in range(2):  # both agents' jobs
@@ -280,6 +282,7 @@ def test_rows_and_a_policy_that_were_lost_come_back_from_the_final_state(both, s
     assert outcome(short) == outcome(both / "short")
 
 
+@pytest.mark.slow
 def test_a_disk_that_is_full_at_the_end_costs_the_final_state_and_says_so(short, both):
     def full() -> None:
         save = checkpoint.Writer.save

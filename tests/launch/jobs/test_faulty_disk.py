@@ -91,8 +91,9 @@ def storm(tmp_path: Path, faults: int, chance: random.Random) -> Storm:
     return Storm(log.stat().st_size, launches, lost)
 
 
+@pytest.mark.slow
 def test_a_disk_that_fails_now_and_then(tmp_path, tiny):
-    assert storm(tmp_path, 20, random.Random(0)).lost == 0
+    assert storm(tmp_path, 8, random.Random(0)).lost == 0
 
 
 @pytest.mark.slow

@@ -32,7 +32,6 @@ from tests.launch.lives import (
 
 __all__ = ["tiny"]
 
-WORDS = ("--seeds=3", "--subgoal_layers=0,1,2", "--periods=3")
 FAMILY = "HAC_SUITE_TEST_FAMILY"  # a variable of the environment
 RUN = Path(__file__).resolve().parents[3] / "launch" / "run.py"
 REAL = (
@@ -50,14 +49,18 @@ class Storm(NamedTuple):
     lost: int  # checkpoints or finished runs that were there before a kill and not after
 
 
-def storm(out: Path, kills: int, chance: random.Random) -> Storm:
+def storm(out: Path, kills: int, chance: random.Random, agents: int = 3, seeds: int = 3) -> Storm:
     """Launches and kills until an experiment is finished, and another, until that is enough."""
+    layers = ",".join(map(str, range(agents)))
+    words = (f"--subgoal_layers={layers}", f"--seeds={seeds}", "--periods=3")
     start = time.monotonic()
-    status, printed = live(out / "whole", *WORDS)
+    status, printed = live(out / "whole", *words)
     whole = time.monotonic() - start  # a fork of a large process starts slowly
     assert status == 0, printed
     expected = outcome(out / "whole")
-    assert len(expected["rows"]) == 3 * 3 * 4 and set(standings(out / "whole").values()) == {36}
+    assert len(expected["rows"]) == agents * seeds * 4 and set(
+        standings(out / "whole").values()
+    ) == {36}
     killed = half_written = lost = experiments = 0
     while killed < kills:
         here, before, status = out / str(experiments), dict[str, int](), -9
@@ -66,7 +69,7 @@ def storm(out: Path, kills: int, chance: random.Random) -> Storm:
             lives += 1
             assert lives < 100, "killed again and again, it gets nowhere"
             workers = f"--workers={chance.randint(1, 4)}"  # groups the seeds in other ways
-            status, printed = live(here, *WORDS, workers, kill_after=chance.uniform(0, whole))
+            status, printed = live(here, *words, workers, kill_after=chance.uniform(0, whole))
             assert status in (0, -signal.SIGKILL), printed
             assert "damaged" not in printed and "from nothing" not in printed
             killed += status != 0
@@ -90,7 +93,7 @@ def finished(out: Path) -> dict[str, int]:
 
 
 def test_killed_at_random_moments(tmp_path, tiny):
-    assert storm(tmp_path, 10, random.Random(1)).lost == 0
+    assert storm(tmp_path, 3, random.Random(1), agents=1, seeds=2).lost == 0
 
 
 @pytest.mark.slow
@@ -142,6 +145,7 @@ def wait_for_checkpoint(folder: Path, after: int = 0, seconds: float = 120) -> i
     raise TimeoutError(f"no checkpoint beyond episode {after}")
 
 
+@pytest.mark.slow
 def test_a_worker_dies_with_its_launch_whatever_it_is_at(tmp_path):
     reader, writer = os.pipe()
     launched = os.fork()

@@ -7,6 +7,7 @@ import sys
 import threading
 import time
 from collections import defaultdict
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -15,6 +16,7 @@ from launch.folder.agents import Agent, Job
 from launch.jobs.local import StopSignal, execute
 from launch.jobs.messages import Failed, Finished, Hooks, Started, Warned
 from tests.launch import fake_jobs
+from tests.launch.launching import forked_workers
 
 
 def run(tmp_path, jobs, work, workers=2, stop=None):
@@ -33,6 +35,13 @@ def run(tmp_path, jobs, work, workers=2, stop=None):
     return messages
 
 
+@pytest.fixture
+def forked() -> Iterator[None]:
+    with forked_workers():
+        yield
+
+
+@pytest.mark.slow
 def test_every_job_runs_and_leaves_no_log(tmp_path):
     jobs = [Job(Agent("a", 0), (seed,)) for seed in range(3)]
     messages = run(tmp_path, jobs, fake_jobs.report_seeds)
@@ -43,7 +52,7 @@ def test_every_job_runs_and_leaves_no_log(tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_dying_worker_is_named_and_the_others_finish(tmp_path):
+def test_a_dying_worker_is_named_and_the_others_finish(tmp_path, forked):
     expected = {
         "raises": "RuntimeError: the reason",
         "segfaults": "killed by SIGSEGV",
@@ -63,10 +72,10 @@ def test_a_dying_worker_is_named_and_the_others_finish(tmp_path):
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_a_signal_ends_the_workers(tmp_path, number):
+def test_a_signal_ends_the_workers(tmp_path, forked, number):
     before = signal.getsignal(number)
     with StopSignal() as stop:
-        threading.Timer(3.0, os.kill, (os.getpid(), number)).start()
+        threading.Timer(1.0, os.kill, (os.getpid(), number)).start()
         start = time.monotonic()
         jobs = [Job(Agent("hangs", 0), (0,)), Job(Agent("works", 0), (0,))]
         messages = run(tmp_path, jobs, fake_jobs.fail_by_name, workers=1, stop=stop)
@@ -76,7 +85,7 @@ def test_a_signal_ends_the_workers(tmp_path, number):
     assert signal.getsignal(number) == before
 
 
-def test_what_workers_warn_of_while_they_are_ended_is_heard(tmp_path):
+def test_what_workers_warn_of_while_they_are_ended_is_heard(tmp_path, forked):
     heard = []
 
     def hear(job, message) -> None:
@@ -96,6 +105,7 @@ def test_what_workers_warn_of_while_they_are_ended_is_heard(tmp_path):
     assert len(heard) == 2 + 2000 + 1  # warnings alone
 
 
+@pytest.mark.slow
 def test_a_second_signal_quits_at_once(tmp_path):
     """The first waits for workers to save, and this one takes a minute to."""
     script = (

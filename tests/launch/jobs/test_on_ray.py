@@ -21,6 +21,8 @@ from launch.jobs.local import StopSignal
 from launch.jobs.messages import Failed, Finished, Hooks, Started, WorkerLost
 from tests.launch import fake_jobs
 
+pytestmark = pytest.mark.slow  # a cluster takes seconds to start, and so does each of its workers
+
 RUN = Path(__file__).resolve().parents[3] / "launch" / "run.py"
 
 
@@ -98,7 +100,6 @@ def test_a_signal_ends_the_workers_and_lets_them_save(own, tmp_path, seconds):
     assert (tmp_path / "saved").read_text() == "all of it"
 
 
-@pytest.mark.slow
 def test_a_job_lost_with_its_ray_process_begins_again_where_it_is_told_to(own, tmp_path):
     job = Job(Agent("first_time", 0), (0,), 0, 800)
     work = fake_jobs.kill_ray_process_at_start
@@ -110,7 +111,6 @@ def test_a_job_lost_with_its_ray_process_begins_again_where_it_is_told_to(own, t
     assert lost.reason == "WorkerCrashedError; goes on elsewhere from episode 300"
 
 
-@pytest.mark.slow
 def test_a_lost_job_whose_checkpoints_cannot_be_used_fails_with_that_reason(own, tmp_path):
     def unusable(job):
         raise CommandError("they are another run's")
@@ -120,7 +120,6 @@ def test_a_lost_job_whose_checkpoints_cannot_be_used_fails_with_that_reason(own,
     assert isinstance(messages[-1], Failed) and "they are another run's" in messages[-1].reason
 
 
-@pytest.mark.slow
 def test_a_job_that_is_lost_every_time_fails_in_the_end(own, tmp_path):
     job = Job(Agent("always", 0), (0,))
     messages = run(own, tmp_path, [job], fake_jobs.kill_ray_process_at_start)[job]

@@ -80,6 +80,7 @@ def test_seeds_go_on_only_with_those_that_stand_where_they_do():
     assert [(job.seeds, job.start) for job in jobs] == [((1, 3, 4), 300), ((5,), 0), ((0, 2), 900)]
 
 
+@pytest.mark.slow
 def test_as_many_seeds_and_workers_as_there_may_be_are_planned_in_seconds():
     seeds = tuple(range(10_000))
     start = time.process_time()

@@ -78,6 +78,7 @@ def test_a_saved_policy_leaves_no_other_file(folder):
     }
 
 
+@pytest.mark.slow
 @pytest.mark.requires_gl
 def test_play_writes_an_mp4_that_players_open(run, tmp_path, capsys):
     output = tmp_path / "new folder" / "v.mp4"
@@ -96,6 +97,7 @@ def test_play_writes_an_mp4_that_players_open(run, tmp_path, capsys):
     assert moved.mean() > 0.9  # no frame is shown twice
 
 
+@pytest.mark.slow
 @pytest.mark.requires_gl
 def test_a_film_that_is_rendered_tells_how_far_it_is(folder, tmp_path):
     told = []
@@ -110,6 +112,7 @@ def test_a_film_that_is_rendered_tells_how_far_it_is(folder, tmp_path):
     assert told[-1] == (count, count)
 
 
+@pytest.mark.slow
 @pytest.mark.requires_gl
 def test_an_unknown_camera_is_answered_in_one_line(run, tmp_path, capsys):
     words = ["--camera=frunt", "--size=320x180", f"--output={tmp_path / 'v.mp4'}"]
@@ -235,12 +238,14 @@ def test_episodes_are_chosen_among_those_that_were_tested(monkeypatch):
     assert set(shown) <= set(both[5:].tolist())
 
 
+@pytest.mark.slow
 def test_no_backend_means_a_remedy_and_no_file(folder, tmp_path):
     with pytest.raises(video.RenderingError, match="apt-get install libegl1"):
         video.render([folder.policy(2, 3)], tmp_path / "v.mp4", backends=("nonsense",))
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.slow
 @pytest.mark.requires_gl
 def test_falling_back_is_announced(folder, tmp_path):
     output = tmp_path / "strip.png"
@@ -249,6 +254,7 @@ def test_falling_back_is_announced(folder, tmp_path):
     assert output.exists()
 
 
+@pytest.mark.slow
 @pytest.mark.requires_gl
 def test_a_pickle_is_not_rendered(folder, tmp_path):
     stem = tmp_path / "fake"
@@ -291,6 +297,7 @@ def test_a_stop_ends_the_renderer():
     assert time.monotonic() - start < 10
 
 
+@pytest.mark.slow
 def test_a_renderer_dies_with_its_launch_whatever_it_is_at(tmp_path):
     """A task file that hangs takes the place of a rendering that takes long."""
     file, began = tmp_path / "hangs.py", tmp_path / "began"
@@ -325,12 +332,14 @@ def test_the_doctor_finds_what_training_needs():
     assert doctor.check_mp4().good
 
 
+@pytest.mark.slow
 @pytest.mark.requires_gl
 def test_the_doctor_finds_what_rendering_needs():
     found = doctor.check_rendering()
     assert found[0].text == "rendering with egl: works"
 
 
+@pytest.mark.slow
 def test_the_doctor_names_remedies(monkeypatch, capsys):
     monkeypatch.setattr(doctor.video, "BACKENDS", ("nonsense",))
     monkeypatch.setattr(needs, "free_disk", lambda path: 1000)
@@ -342,6 +351,7 @@ def test_the_doctor_names_remedies(monkeypatch, capsys):
     assert "FAIL memory" in printed and "remedy: give fewer --workers" in printed
 
 
+@pytest.mark.slow
 def test_scripts_run_from_anywhere(tmp_path):
     script = Path(play.__file__)
     done = subprocess.run(

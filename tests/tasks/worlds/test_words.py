@@ -90,6 +90,7 @@ def test_frames_are_asked_for_where_there_are_some():
     assert making.maker("p", "HacToy/Plain-v0", {})().unwrapped.render_mode is None
 
 
+@pytest.mark.slow
 def test_the_suites_own_environments_are_goal_environments_as_well():
     task = tasks.find("gym:HACSuite/PendulumClimb-v0")
     own = tasks.spec("pendulum_climb")
