@@ -6,6 +6,7 @@ import hac_suite
 import tasks
 from launch.folder import policies
 from launch.pictures.subgoal_log import replay
+from tests.cases import some_slow
 
 EPISODES = 64
 MOST_LOST = 0.05  # of the success rate, as where another machine rounds otherwise
@@ -13,7 +14,12 @@ MOST_LOST = 0.05  # of the success rate, as where another machine rounds otherwi
 PUBLISHED = policies.find(policies.PUBLISHED)
 
 
-@pytest.mark.parametrize("published", PUBLISHED, ids=lambda found: found.path.name)
+OTHERS = [found for found in PUBLISHED if found.subgoal_layers != 1]
+
+
+@pytest.mark.parametrize(
+    "published", some_slow(PUBLISHED, *OTHERS), ids=lambda found: found.path.name
+)
 def test_a_published_policy_scores_what_it_scored(published):
     played = replay(hac_suite.Policy.load(published.path), EPISODES)
     assert played.stats.success.mean() >= published.success_rate - MOST_LOST

@@ -149,6 +149,7 @@ def test_a_point_in_space_is_seen_from_two_sides(folder):
     assert side.get_ylabel() == "effector_z (m)"
 
 
+@pytest.mark.slow
 def test_the_command_draws_what_is_recorded_and_names_what_is_not(folder, capsys):
     assert main(["", "--data", str(folder)]) == 0
     printed = capsys.readouterr().out.splitlines()

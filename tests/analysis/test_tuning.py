@@ -97,6 +97,7 @@ def test_a_study_is_what_its_journal_says(studies):
     assert two.trials[-1].state == "waiting" and math.isnan(two.trials[-1].value)
 
 
+@pytest.mark.slow
 def test_importance_is_of_what_matters_and_is_set_beside_chance(studies):
     importance = studies[1].importance
     assert next(iter(importance)) == "learning_rate"
@@ -106,6 +107,7 @@ def test_importance_is_of_what_matters_and_is_set_beside_chance(studies):
     assert all(one.share < one.noise and one.p > 0.05 for one in rest)
 
 
+@pytest.mark.slow
 def test_what_was_pruned_counts_for_importance(tmp_path):
     """All complete trials have one learning rate, which is why they are complete."""
     study = journal(tmp_path)

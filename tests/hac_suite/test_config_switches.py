@@ -17,8 +17,8 @@ from tests.hac_suite.tiny_envs import PointEnv
 # steps that run out, a replay buffer that fills.
 TINY = dataclasses.replace(
     PAPER,
-    episodes_per_period=24,
-    test_episodes=32,
+    episodes_per_period=16,
+    test_episodes=8,
     batch_size=16,
     updates_per_episode=2,
     learning_rate=1e-2,
@@ -44,8 +44,8 @@ CHANGES = {
     "subgoal_noise": 0.2,
     "continue_after_goal": True,
     "test_until_horizon": False,
-    "episodes_per_period": 12,
-    "test_episodes": 16,
+    "episodes_per_period": 8,
+    "test_episodes": 4,
     "episodes_per_round": 8,
     "discount": 0.9,
     "batch_size": 8,
@@ -224,5 +224,9 @@ def test_upper_levels_have_the_updates_that_they_are_given():
     )
     with torch.no_grad():
         list(training.run(1, Callback()))
-    population = training.population
-    assert [population.updates(0, level) for level in range(3)] == [4 * 24, 24, 24]
+    population, episodes = training.population, TINY.episodes_per_period
+    assert [population.updates(0, level) for level in range(3)] == [
+        4 * episodes,
+        episodes,
+        episodes,
+    ]

@@ -255,6 +255,7 @@ def test_lost_seeds_count_as_failures(tmp_path):
     assert first.state == TrialState.COMPLETE and first.value < 0.9
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("layers", [0, 2])
 def test_the_real_training_is_what_a_trial_carries_out(tmp_path, layers):
     more = [f"--subgoal_layers={layers}", "--learner=td3", "--periods=1"]

@@ -3,6 +3,7 @@
 import dataclasses
 
 import numpy as np
+import pytest
 import torch
 
 from hac_suite.algorithm.hierarchy import collect
@@ -73,6 +74,7 @@ def test_a_population_learns_the_same_through_a_captured_round():
             assert one.any()
 
 
+@pytest.mark.slow
 def test_on_a_gpu_everything_an_update_touches_is_there():
     """The meta device has shapes and no memory: it refuses any operation that mixes devices."""
     population = Population(PointEnv(8), SMALL, HORIZONS, seeds=(3, 5), device=torch.device("meta"))

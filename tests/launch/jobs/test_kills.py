@@ -92,6 +92,7 @@ def finished(out: Path) -> dict[str, int]:
     return found
 
 
+@pytest.mark.slow
 def test_killed_at_random_moments(tmp_path, tiny):
     assert storm(tmp_path, 3, random.Random(1), agents=1, seeds=2).lost == 0
 
