@@ -48,12 +48,22 @@ def main(argument: str) -> None:
     except (program.CommandError, KeyError, TypeError, ValueError) as error:
         what = f"lacks the entry {error}" if isinstance(error, KeyError) else str(error)
         _refuse(f"policy: {what}")  # nothing is rendered yet
-    output = Path(request["output"])
-    output.parent.mkdir(parents=True, exist_ok=True)
     try:
-        write_atomically(output, lambda path: _write(courses, request, path))
+        _render(courses, request, lambda number, count: print(number, count, flush=True))
     except (program.CommandError, TooLarge) as error:
         _refuse(str(error))
+
+
+def render_here(policies: Sequence[Path], output: Path, episodes: int = 1) -> None:
+    """As `video.render`, of tasks that only this process has; MUJOCO_GL must render."""
+    request = video.film(policies, output, episodes=episodes)
+    _render(_played(request), request, lambda *_: None)
+
+
+def _render(courses: list[Course], request: dict[str, Any], tell: video.Tell) -> None:
+    output = Path(request["output"])
+    output.parent.mkdir(parents=True, exist_ok=True)
+    write_atomically(output, lambda path: _write(courses, request, path, tell))
 
 
 def _refuse(why: str) -> None:
@@ -71,7 +81,7 @@ def _played(request: dict[str, Any]) -> list[Course]:
     return [record(choice.policy, seed) for seed in choice.episodes]
 
 
-def _write(courses: list[Course], request: dict[str, Any], path: Path) -> None:
+def _write(courses: list[Course], request: dict[str, Any], path: Path, tell: video.Tell) -> None:
     size, camera = tuple(request["size"]), request["camera"]
     if path.suffix == ".png":
         Image.fromarray(board(courses[0], size[0], camera)).save(path)
@@ -80,9 +90,9 @@ def _write(courses: list[Course], request: dict[str, Any], path: Path) -> None:
         columns = Columns(
             courses, request["columns"], size, camera, request["speed"], request["said"]
         )
-        frames: Iterable[np.ndarray] = _telling(columns.frames(), len(columns.moments))
+        frames: Iterable[np.ndarray] = _telling(columns.frames(), len(columns.moments), tell)
     else:
-        frames = _one_after_another(courses, request, size)
+        frames = _one_after_another(courses, request, size, tell)
     if path.suffix in _ANIMATIONS:
         write_animation(list(frames), path, request["most_bytes"])
     else:
@@ -90,7 +100,7 @@ def _write(courses: list[Course], request: dict[str, Any], path: Path) -> None:
 
 
 def _one_after_another(
-    courses: Sequence[Course], request: dict[str, Any], size: tuple[int, int]
+    courses: Sequence[Course], request: dict[str, Any], size: tuple[int, int], tell: video.Tell
 ) -> Iterator[np.ndarray]:
     paces = [
         pacing.pace(course.steps, course.control_timestep, request["speed"]) for course in courses
@@ -100,7 +110,7 @@ def _one_after_another(
         for number, (course, pace) in enumerate(zip(courses, paces, strict=True), start=1)
     )
     frames = itertools.chain.from_iterable(_closing(sheet) for sheet in sheets)
-    return _telling(frames, sum(len(pace.moments) for pace in paces))
+    return _telling(frames, sum(len(pace.moments) for pace in paces), tell)
 
 
 def _label(number: int, count: int) -> str:
@@ -112,10 +122,10 @@ def _closing(sheet: Sheet) -> Iterator[np.ndarray]:
     sheet.close()
 
 
-def _telling(frames: Iterable[np.ndarray], count: int) -> Iterator[np.ndarray]:
-    """The frames; the parent hears of each."""
+def _telling(frames: Iterable[np.ndarray], count: int, tell: video.Tell) -> Iterator[np.ndarray]:
+    """The frames; each is told of."""
     for number, frame in enumerate(frames, start=1):
-        print(number, count, flush=True)
+        tell(number, count)
         yield frame
 
 

@@ -78,8 +78,20 @@ def render(
       RenderingError: no backend works, a policy is bad, the file cannot be written, or the
         rendering was stopped; `output` is untouched.
     """
-    request = {"columns": [], "episodes": episodes}
-    return _render({**request, **_common(policies, output, look, task)}, backends, stop, tell)
+    request = film(policies, output, episodes=episodes, look=look, task=task)
+    return _render(request, backends, stop, tell)
+
+
+def film(
+    policies: Sequence[Path],
+    output: Path,
+    *,
+    episodes: int = 1,
+    look: Look = PLAIN,
+    task: str | None = None,
+) -> dict[str, Any]:
+    """What `launch.films.rendering` is asked for by `render`, which says what the arguments are."""
+    return {"columns": [], "episodes": episodes, **_common(policies, output, look, task)}
 
 
 def render_side_by_side(
