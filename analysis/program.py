@@ -81,14 +81,20 @@ def answer(
         print(help_text())
         return 0
     except wrong as error:
-        print(f"error: {error}", file=sys.stderr)
+        _complain(str(error))
         return 2
     except OSError as error:
-        print(f"error: {error}; what is finished is kept", file=sys.stderr)
+        _complain(f"{error}; what is finished is kept")
         return 1
     except KeyboardInterrupt:
-        print("error: interrupted; what is finished is kept", file=sys.stderr)
+        _complain("interrupted; what is finished is kept")
         return _INTERRUPTED
+
+
+def _complain(said: str) -> None:
+    """One line, whatever characters are in the words and files that it quotes."""
+    line = "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in said)
+    print(f"error: {line}", file=sys.stderr)
 
 
 def help_of(program: Program) -> str:

@@ -69,6 +69,7 @@ def test_flags_may_come_after_words_and_words_are_counted():
     ("error", "status", "line"),
     [
         (CommandError("no such task"), 2, "error: no such task\n"),
+        (CommandError("no task\n\x1b[1m\udcff"), 2, "error: no task\\n\\x1b[1m\\udcff\n"),
         (OSError("no space left"), 1, "error: no space left; what is finished is kept\n"),
         (KeyboardInterrupt(), 130, "error: interrupted; what is finished is kept\n"),
     ],

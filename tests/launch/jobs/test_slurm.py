@@ -62,6 +62,7 @@ def submit(tmp_path):
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(900)
 def test_stopped_before_its_time_limit_it_is_queued_again_and_goes_on(submit, tmp_path):
     folder, start = submit
     first = start()
