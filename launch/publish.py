@@ -21,7 +21,7 @@ from analysis.reading import files, grid, names
 from hac_suite import policy_files
 from launch import record_subgoals
 from launch.asking import lists
-from launch.folder import policies, states
+from launch.folder import manifest, policies, states
 from launch.folder.layout import RunFolder
 from launch.recording import joining
 
@@ -100,6 +100,9 @@ def publish(folder: RunFolder, data: Path, chosen: Path, *, add: bool = False) -
         else:
             for file in (folder.results, folder.manifest):
                 files.put(file, output)
+        described = manifest.read(output / names.MANIFEST)
+        assert described is not None, "it has just been put there"
+        manifest.write(output / names.MANIFEST, manifest.portable(described))
         write_figure(output)
         written = [output / name for name in _RESULTS]
         written += record_subgoals.record(found, output, record_subgoals.EPISODES)

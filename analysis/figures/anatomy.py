@@ -18,13 +18,14 @@ _GREY = "#777777"
 _SIZES = (5.5, 8.0, 10.0)  # of markers in points, by the level that proposed
 _LEAST_NUMBERED = 0.03  # of the episode
 _ACHIEVED, _MISSED = "achieved", "missed"
+_HATCH = "////"
 
 
 def draw_anatomy(episode: Episode) -> Figure:
     """Left: the planes in which the agent moves. Right: every dimension over time, and outcomes.
 
     Subgoals have the colour of their markers in videos: purple for level 1's, green for level 2's.
-    Filled ones were achieved; hollow ones were not.
+    Filled ones were achieved, hatched or crossed ones missed, hollow ones cut short.
     """
     shown = list(planes(episode.subgoal_space.names))
     dimensions = len(episode.subgoal_space.names)
@@ -57,6 +58,10 @@ def draw_plane(ax: Axes, episode: Episode, title: str, plane: tuple[int, int]) -
     for subgoal in sorted(episode.subgoals, key=lambda s: -s.level):
         x, y = subgoal.point[list(plane)]
         ax.plot(x, y, **_marker(subgoal), zorder=2 + subgoal.level)
+        if subgoal.outcome == _MISSED:
+            look = _marker(subgoal)
+            look.update(marker="x", markersize=0.7 * look["markersize"])
+            ax.plot(x, y, **look, zorder=2 + subgoal.level)
     for number, subgoal in _numbered(episode):
         x, y = subgoal.point[list(plane)]
         ax.annotate(
@@ -127,6 +132,7 @@ def _draw_dimension(ax: Axes, episode: Episode, dimension: int) -> None:
             2 * reach,
             facecolor=colour if achieved else "none",
             edgecolor=colour,
+            hatch=_HATCH if subgoal.outcome == _MISSED else None,
             alpha=0.35 if achieved else 0.75,
             linewidth=0.8,
         )
@@ -153,7 +159,7 @@ def _draw_outcomes(ax: Axes, episode: Episode) -> None:
             height=0.62,
             facecolor=colour if achieved else "white",
             edgecolor=colour,
-            hatch="////" if subgoal.outcome == _MISSED else None,
+            hatch=_HATCH if subgoal.outcome == _MISSED else None,
             linewidth=0.9,
             alpha=0.85,
         )
@@ -188,7 +194,9 @@ def _legend(episode: Episode) -> Iterator[Line2D | Patch]:
         )  # fmt: skip
     if episode.subgoal_layers:
         yield Patch(facecolor=_GREY, edgecolor=_GREY, label="filled: achieved")
-        yield Patch(facecolor="white", edgecolor=_GREY, hatch="////", label="hatched: missed")
+        yield Patch(
+            facecolor="white", edgecolor=_GREY, hatch=_HATCH, label="hatched or crossed: missed"
+        )
         yield Patch(
             facecolor="white", edgecolor=_GREY, label="hollow: cut short, as a level above was done"
         )

@@ -16,8 +16,8 @@ ABOUT = {
     "pendulum_balance": "A pendulum is to be swung up and to come to rest at the peak. Its motor "
     "is too weak to lift it at once, so it must swing to and fro first.",
     "ur5_reacher": "A UR5 arm is to bring its gripper to a point a quarter turn away.",
-    "cartpole_swingup": "A cart on a rail is to swing up its pole and to hold it near a marker, "
-    "with the cart below.",
+    "cartpole_swingup": "A cart on a rail is to swing up its pole and to slow it down near a "
+    "marker, with the cart below.",
     "pick_place": "A robot worm is to pick the blue rod up and to bring it to the yellow one.",
 }
 """What is to be done in each task, in a sentence."""

@@ -109,7 +109,7 @@ def _headline(results: pd.DataFrame, verdict: Mapping[str, Any]) -> str:
     interval = "" if math.isnan(best["low"]) else f" {_interval(best['low'], best['high'])}"
     said = (
         f"After {best['train_episodes']:.0f} training episodes, the agent with "
-        f"{paper.agent_name(int(best['subgoal_layers']))} achieves {best['mean']:.0%} of its end "
+        f"{paper.agent_name(int(best['subgoal_layers']))} achieves {best['mean']:.1%} of its end "
         f"goals in tests{interval} (mean over {seeds})."
     )
     short = [f"with {agent} {says}" for agent, says in verdict["short"]]

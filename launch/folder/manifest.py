@@ -97,6 +97,18 @@ def joined(published: Manifest, piece: Manifest) -> Manifest:
     }
 
 
+def portable(manifest: Manifest) -> Manifest:
+    """The manifest without the folders of the machine: the --out of each command, if absolute."""
+    launches = [
+        {**own, "command": _portable(own["command"])} for own in manifest["earlier_launches"]
+    ]
+    return {**manifest, "command": _portable(manifest["command"]), "earlier_launches": launches}
+
+
+def _portable(command: Sequence[str]) -> list[str]:
+    return [word for word in command if not word.startswith("--out=/")]
+
+
 def _as_record(job: Job) -> dict[str, Any]:
     return {"subgoal_layers": job.agent.subgoal_layers, "seeds": list(job.seeds)}
 

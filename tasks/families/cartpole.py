@@ -1,4 +1,4 @@
-"""The cartpole task: swing the pole up and hold it near the marker, with the cart below.
+"""The cartpole task: swing the pole up and slow it down near the marker, with the cart below.
 
 Test starts: the pole hanging (within 0.1 rad), the cart within 0.1 m of the middle. Training
 starts: the pole anywhere but within 45 degrees of upright, the cart within 1 m of the middle. All
