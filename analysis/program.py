@@ -17,7 +17,18 @@ _INTERRUPTED = 128 + 2  # SIGINT
 
 
 class CommandError(Exception):
-    """The command cannot be carried out as typed; the message says what to type instead."""
+    """The command cannot be carried out as typed; the message says what to type instead.
+
+    It is one line, whatever characters are in the words and files that it quotes.
+    """
+
+    def __init__(self, message: str) -> None:
+        super().__init__(printable(message))
+
+
+def printable(said: str) -> str:
+    """What people typed or files hold, with an escape for each character that is no text."""
+    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in said)
 
 
 WRONG: tuple[type[Exception], ...] = (CommandError,)
@@ -92,9 +103,7 @@ def answer(
 
 
 def _complain(said: str) -> None:
-    """One line, whatever characters are in the words and files that it quotes."""
-    line = "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in said)
-    print(f"error: {line}", file=sys.stderr)
+    print(f"error: {printable(said)}", file=sys.stderr)
 
 
 def help_of(program: Program) -> str:
