@@ -82,6 +82,7 @@ def test_pick_and_place_is_the_papers_exception_to_deeper_is_faster(make_grid):
     assert _verdicts(claims["c"])["pick_place", "2 against 1"] == NOT_SUPPORTED
 
 
+@pytest.mark.slow
 def test_missing_tasks_and_agents_leave_claims_undecided_and_are_named(make_grid):
     missing = {"cartpole_swingup": None, "ur5_reacher": {0: _like(SLOW), 2: _like(FAST)}}
     claims = _claims(make_grid(**missing))
@@ -91,6 +92,7 @@ def test_missing_tasks_and_agents_leave_claims_undecided_and_are_named(make_grid
     assert claims["b"].verdict == SUPPORTED
 
 
+@pytest.mark.slow
 def test_few_seeds_decide_nothing(make_grid):
     few = {layers: seeds[:4] for layers, seeds in AS_IN_THE_PAPER.items()}
     verdicts = {letter: claim.verdict for letter, claim in _claims(make_grid(few)).items()}

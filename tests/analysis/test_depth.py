@@ -103,6 +103,7 @@ def test_the_area_is_under_the_curve_until_the_budget(make_results):
     assert areas(results, 0).empty
 
 
+@pytest.mark.slow
 def test_seeds_that_are_not_done_wait_and_episodes_says_until_when_all_are(put, capsys):
     whole, begun = [0, 0.5, 0.5], [0, 0.5]
     curves = {1: [whole] * 3 + [begun] * 2, 2: [whole] * 2 + [begun] * 3}
@@ -114,6 +115,7 @@ def test_seeds_that_are_not_done_wait_and_episodes_says_until_when_all_are(put, 
     assert "but after 300, 600" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_three_pairs_decide_nothing(put):
     curves = {1: [[0, 0.1]] * 3, 2: [[0, 0.9]] * 3}
     folder = put("depth-ur5_reacher_400", None, curves=curves)

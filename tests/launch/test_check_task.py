@@ -80,6 +80,7 @@ def test_and_it_trains(arm):
     assert result.rows[0]["train_steps"] > 0 and result.rows[0]["diverged_episodes"] == 0
 
 
+@pytest.mark.slow
 def test_gymnasiums_reacher_is_a_model_to_begin_from(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     model = Path(gymnasium.__file__).parent / "envs" / "mujoco" / "assets" / "reacher.xml"

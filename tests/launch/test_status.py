@@ -47,6 +47,7 @@ def test_a_finished_experiment(tmp_path, capsys):
     assert len(agents) == 2  # and nothing to go on with
 
 
+@pytest.mark.slow
 def test_what_failed_is_named_with_its_reason_and_the_command_that_tries_again(tmp_path, capsys):
     (tmp_path / "fail").write_text("1")
     assert launch(tmp_path, BOTH, "--seeds=2", "--periods=2", "--workers=1") == 1

@@ -76,6 +76,7 @@ def finished(tmp_path_factory):
     return study(out).trials
 
 
+@pytest.mark.slow
 def test_the_defaults_and_the_candidate_come_first_and_are_never_pruned(finished):
     labels = [trial.user_attrs.get("label") for trial in finished]
     assert labels[:3] == ["default", "candidate", None]

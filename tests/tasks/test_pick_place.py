@@ -99,6 +99,7 @@ def test_an_untouched_rod_stands_still():
     np.testing.assert_allclose(_part(step, "rod_axis"), _part(first, "rod_axis"), atol=1e-3)
 
 
+@pytest.mark.slow
 def test_the_solver_carries_the_rod():
     env, first = _episodes(test=True)
     assert not _part(first, "attached").any()

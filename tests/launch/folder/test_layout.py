@@ -86,6 +86,7 @@ def lacking(table: Path, *columns: str) -> None:
 NEWEST = [schema.level_column(level, schema.LEVEL_FIELDS[-1]) for level in range(3)]
 
 
+@pytest.mark.slow
 def test_a_file_of_before_the_newest_diagnostic_is_gone_on_with(folder):
     results.append(folder.results, [row(0, period) for period in range(2)])
     lacking(folder.results, *NEWEST)

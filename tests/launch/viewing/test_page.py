@@ -144,6 +144,7 @@ def test_a_slider_moves_the_goal(page):
     assert page._handle.place()[0] == pytest.approx(0.4, abs=1e-6)
 
 
+@pytest.mark.slow
 def test_an_episode_that_plays_to_its_end_says_so(page):
     page.player.speed = 1e6
     page._do(page._toggle)

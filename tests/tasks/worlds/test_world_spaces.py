@@ -122,6 +122,7 @@ def test_observations_far_from_zero_are_centred():
     np.testing.assert_allclose(level.scaled(steps)[:, 2], [-1, 1], atol=0.2)
 
 
+@pytest.mark.slow
 def test_agents_are_trained_and_the_way_they_are_grouped_changes_nothing():
     env = world(terminates=True)
     config = hac_suite.Config(episodes_per_period=8, test_episodes=3, hidden_sizes=(16,))
