@@ -84,6 +84,7 @@ def build(output: Path, data: Path, chosen: Path, docs: Path | None) -> Path:
         if docs is not None:
             shutil.copytree(docs, site / _DOCS, ignore=shutil.ignore_patterns(".*", "_sources"))
             links["Documentation"] = f"{_DOCS}/index.html"
+            links["What they show, and what is known against them"] = f"{_DOCS}/results.html"
         write_index(site, title="HAC suite: published results", links=links)
     return output / "index.html"
 
