@@ -92,7 +92,7 @@ def answer(
         print(help_text())
         return 0
     except wrong as error:
-        _complain(str(error))
+        _complain(error)
         return 2
     except OSError as error:
         _complain(f"{error}; what is finished is kept")
@@ -102,8 +102,8 @@ def answer(
         return _INTERRUPTED
 
 
-def _complain(said: str) -> None:
-    print(f"error: {printable(said)}", file=sys.stderr)
+def _complain(said: object) -> None:
+    print(f"error: {printable(str(said))}", file=sys.stderr)
 
 
 def help_of(program: Program) -> str:

@@ -11,6 +11,7 @@ import torch
 import hac_suite
 from hac_suite.config import PAPER
 from launch.asking import request
+from tests.cases import some_slow
 from tests.hac_suite.tiny_envs import PointEnv
 
 PAGE = Path(__file__).resolve().parent.parent / "docs" / "your_own_learner.md"
@@ -47,7 +48,7 @@ def train(learner: str, seeds: list[int], periods: int, layers: int = 1, **other
     )
 
 
-@pytest.mark.parametrize("layers", [0, pytest.param(1, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("layers", some_slow((0, 1), 1))
 def test_it_learns(learner, layers):
     results = train(learner, [0, 1, 2], 5, layers)
     success = [np.mean([row["success_rate"] for row in result.rows]) for result in results]

@@ -99,14 +99,15 @@ def joined(published: Manifest, piece: Manifest) -> Manifest:
 
 def portable(manifest: Manifest) -> Manifest:
     """The manifest without the folders of the machine: the --out of each command, if absolute."""
-    launches = [
-        {**own, "command": _portable(own["command"])} for own in manifest["earlier_launches"]
-    ]
-    return {**manifest, "command": _portable(manifest["command"]), "earlier_launches": launches}
+    launches = [_portable(launch) for launch in manifest["earlier_launches"]]
+    return {**_portable(manifest), "earlier_launches": launches}
 
 
-def _portable(command: Sequence[str]) -> list[str]:
-    return [word for word in command if not word.startswith("--out=/")]
+def _portable(launch: dict[str, Any]) -> dict[str, Any]:
+    command = launch.get("command")
+    if not isinstance(command, list):  # somebody edited it
+        return launch
+    return {**launch, "command": [word for word in command if not str(word).startswith("--out=/")]}
 
 
 def _as_record(job: Job) -> dict[str, Any]:

@@ -92,6 +92,14 @@ def test_planes_show_the_path_the_goal_and_subgoals_filled_if_achieved(axes):
     assert [text.get_text() for text in gripper.texts] == ["1", "2"]  # the top level's
 
 
+def test_missed_subgoals_are_crossed_in_planes_and_hatched_over_time(axes):
+    gripper, gripper_z = axes[0], axes[3]
+    crossed = {line.get_xdata()[0] for line in gripper.lines if line.get_marker() == "x"}
+    assert crossed == {0.9, 0.2}
+    hatched = [box.get_x() for box in gripper_z.patches if box.get_hatch()]
+    assert sorted(hatched) == [0, 10]
+
+
 def test_dimensions_show_each_subgoal_for_as_long_as_it_stood(axes):
     gripper_z = axes[3]
     assert gripper_z.get_ylabel() == "gripper z\n(m)"

@@ -114,6 +114,16 @@ def test_a_piece_of_another_configuration_is_refused(folder, tmp_path, capsys):
     assert contents(tmp_path / "data") == before
 
 
+def test_what_is_published_names_no_folder_of_the_machine(folder, tmp_path):
+    described = json.loads(folder.manifest.read_text())
+    assert str(tmp_path) in folder.manifest.read_text()
+    others = [{"command": described["command"]}, {}, {"command": None}]  # the last two: edited
+    folder.manifest.write_text(json.dumps({**described, "earlier_launches": others}))
+    assert command(folder) == 0
+    published = (tmp_path / "data" / TASK / "manifest.json").read_text()
+    assert str(tmp_path) not in published and "--seeds=" in published
+
+
 def test_a_folder_with_runs_to_finish_is_refused(folder, capsys):
     folder.policy(1, 2).with_suffix(".safetensors").unlink()
     assert command(folder) == 2

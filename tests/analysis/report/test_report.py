@@ -15,6 +15,9 @@ from analysis.report import page
 from analysis.report.__main__ import main
 from analysis.report.run_report import write_report
 
+# A mean of nothing, say, where an agent has no row yet.
+pytestmark = pytest.mark.filterwarnings("error::RuntimeWarning")
+
 CURVES = {0: [[0.0, 0.1], [0.0, 0.2]], 1: [[0.0, 0.9], [0.0, 1.0], [0.0, None]], 2: [[0.0]]}
 VOID = {"meta", "img", "link", "br"}
 

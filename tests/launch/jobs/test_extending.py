@@ -134,7 +134,9 @@ def test_killed_while_extending_nothing_finished_is_lost(both, tmp_path, tiny):
 @pytest.mark.slow
 @pytest.mark.timeout(1800)
 def test_a_storm_of_kills_while_extending(both, tmp_path, tiny):
-    assert extend_with_kills(both, tmp_path, 100, random.Random(2)) >= 100
+    kills = extend_with_kills(both, tmp_path, 100, random.Random(2))
+    print(kills, "kills")
+    assert kills >= 100
 
 
 def at_every_change_of_a_file(number: int):

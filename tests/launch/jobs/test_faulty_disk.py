@@ -140,6 +140,7 @@ def test_a_day_of_checkpoints_resumes_and_status_calls(tmp_path, tiny, monkeypat
         assert not list(folder.path.rglob(".*.tmp*"))
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
     quarter, end = measured[len(measured) // 4], measured[-1]
+    print(saved[0], "checkpoints; memory grew by", end[0] - measured[0][0], "MiB")
     assert end[0] - quarter[0] < 8, "memory grew"
     assert end[1] == quarter[1], "descriptors are left open"
     assert end[2] == quarter[2], "there are more and more checkpoints"
