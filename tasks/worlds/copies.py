@@ -287,7 +287,8 @@ def _global_random(states: tuple | None) -> Iterator[None]:
 class Pool:
     """Copies of one environment, made when first needed.
 
-    Training and its tests take turns, so they play in the same copies: making one compiles a model.
+    Training and its tests take turns, so they play in the same copies: making one takes time and
+    memory.
 
     Attributes:
       reader: what the environment's observations mean.
@@ -300,9 +301,9 @@ class Pool:
         Raises:
           ValueError: HAC cannot train on it; one line says why.
         """
-        self.word, self._make, self._options = word, make, options
+        self.word, self._make, self._options = word, making.CompiledOnce(make), options
         self.notes: list[str] = []
-        first = make()
+        first = self._make()
         self.actions = making.check_actions(word, first.action_space)
         self.reader = Reader(word, first, options)
         self._seeds_global = False

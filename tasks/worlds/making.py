@@ -1,10 +1,12 @@
-"""Making a Gymnasium environment: by id, and with what its package needs mended."""
+"""Making Gymnasium environments: by id, mended where they need it, and without compiling each."""
 
+import contextlib
+import copy
 import importlib
 import importlib.util
 import types
-from collections.abc import Callable, Mapping
-from typing import Any
+from collections.abc import Callable, Iterator, Mapping
+from typing import Any, Generic, TypeVar
 
 import gymnasium
 import mujoco
@@ -21,6 +23,10 @@ _DISCRETE = (
 )
 _UNBOUNDED = "{word}: its actions have no bounds ({space}); wrap it in gymnasium's RescaleAction"
 _PACKAGES = ("gymnasium_robotics",)  # asked where no module is named
+_COMPILERS = ("from_xml_path", "from_xml_string")
+_COMPARED = 2  # copies of the environment that compile, to see whether they get the same models
+
+T = TypeVar("T")
 
 
 def maker(word: str, id: str, args: Mapping[str, Any]) -> Callable[[], gymnasium.Env]:
@@ -125,3 +131,68 @@ def check_actions(word: str, space: gymnasium.Space) -> gymnasium.spaces.Box:
     if not (np.isfinite(space.low).all() and np.isfinite(space.high).all()):
         raise ValueError(_UNBOUNDED.format(word=word, space=space))
     return space
+
+
+class CompiledOnce(Generic[T]):
+    """Makes copies of an environment; from the third on they get copies of the models.
+
+    Compiling takes up to a tenth of a second and copying a few milliseconds. The first two copies
+    both compile. Where their models are not equal, byte for byte, the environment draws its model
+    at random or takes it from a file that changes: then each copy compiles.
+    """
+
+    def __init__(self, make: Callable[[], T]):
+        self._make = make
+        self._compiled: list[list[mujoco.MjModel]] = []  # by the first copies, in order
+        self._same = False
+
+    def __call__(self) -> T:
+        if len(self._compiled) < _COMPARED:
+            models: list[mujoco.MjModel] = []
+            with _compilers(lambda compiled: lambda *a, **k: _kept(compiled(*a, **k), models)):
+                made = self._make()
+            self._compiled.append(models)
+            self._same = len(self._compiled) == _COMPARED and _equal(*self._compiled)
+            return made
+        if not self._same:
+            return self._make()
+        known = iter(self._compiled[0])
+
+        def instead(compiled: Callable) -> Callable:
+            def copied(*args: Any, **kwargs: Any) -> mujoco.MjModel:
+                model = next(known, None)
+                return compiled(*args, **kwargs) if model is None else copy.copy(model)
+
+            return copied
+
+        with _compilers(instead):
+            return self._make()
+
+
+def _kept(model: mujoco.MjModel, models: list[mujoco.MjModel]) -> mujoco.MjModel:
+    """Keeps a copy of the model as it was compiled: its environment may change its own."""
+    models.append(copy.copy(model))
+    return model
+
+
+@contextlib.contextmanager
+def _compilers(replaced: Callable[[Callable], Callable]) -> Iterator[None]:
+    """Puts something in the place of MuJoCo's compilers of XML, for a while."""
+    own = {name: getattr(mujoco.MjModel, name) for name in _COMPILERS}
+    try:
+        for name, compiled in own.items():
+            setattr(mujoco.MjModel, name, staticmethod(replaced(compiled)))
+        yield
+    finally:
+        for name, compiled in own.items():
+            setattr(mujoco.MjModel, name, staticmethod(compiled))
+
+
+def _equal(first: list[mujoco.MjModel], second: list[mujoco.MjModel]) -> bool:
+    return list(map(_bytes, first)) == list(map(_bytes, second))
+
+
+def _bytes(model: mujoco.MjModel) -> bytes:
+    buffer = np.zeros(mujoco.mj_sizeModel(model), np.uint8)
+    mujoco.mj_saveModel(model, None, buffer)
+    return buffer.tobytes()
