@@ -26,6 +26,7 @@ from launch.films.sheet import Sheet
 from launch.pictures import video
 from launch.pictures.choosing import choose
 from launch.pictures.course import Course, record
+from tasks.worlds.world import NoFrames
 
 _ANIMATIONS = (".webp", ".gif")
 _PROBE = (64, 48)
@@ -45,6 +46,8 @@ def main(argument: str) -> None:
         tasks.find(request["task"])
     try:
         courses = _played(request)
+    except NoFrames as error:
+        _refuse(str(error))
     except (program.CommandError, KeyError, TypeError, ValueError) as error:
         what = f"lacks the entry {error}" if isinstance(error, KeyError) else str(error)
         _refuse(f"policy: {what}")  # nothing is rendered yet

@@ -25,6 +25,10 @@ _THRESHOLDS = "{word}: --goal_threshold has {given} numbers; it takes one, or {c
 _PAIRS = 64  # episodes whose goals are looked at to learn what compute_reward means
 
 
+class NoFrames(RuntimeError):
+    """The environment gives no pictures, whatever draws them."""
+
+
 class Step(NamedTuple):
     """What N environments show after a reset or a step, in natural units; fresh arrays.
 
@@ -274,7 +278,7 @@ class Adapter:
         """A picture of environment i, uint8 [height, width, 3], by its own `render`.
 
         Raises:
-          RuntimeError: it gives none.
+          NoFrames: it gives none.
         """
         del camera  # it has one of its own
         try:
@@ -282,7 +286,7 @@ class Adapter:
         except NotImplementedError:
             picture = None
         if not isinstance(picture, np.ndarray) or picture.ndim != 3:
-            raise RuntimeError(f"{self._world.word}: it renders no frames ('rgb_array')")
+            raise NoFrames(f"{self._world.word}: it renders no frames ('rgb_array')")
         return _fitted_into(picture[..., :3].astype(np.uint8), height, width)
 
     def close(self) -> None:

@@ -15,7 +15,10 @@ from analysis.program import CommandError
 from analysis.reading import schema
 from launch import fit
 from launch.asking import lists, request
+from launch.films import rendering
+from launch.pictures import video
 from tasks.worlds import settings as settings_lib
+from tasks.worlds.world import NoFrames
 
 ROOT = Path(__file__).resolve().parents[2]
 POINT = "gym:tests.tasks.worlds.toys:HacToy/Point-v0"
@@ -119,6 +122,17 @@ def test_a_trained_agent_is_played(trained):
     done = program("play", trained, f"--task={POINT}", ARGS, "--subgoal_layers=1", "--output=a.png")
     assert done.returncode == 0, done.stdout + done.stderr
     assert (trained / "a.png").stat().st_size > 1000
+
+
+def test_no_backend_is_blamed_for_a_world_without_pictures(monkeypatch, capsys):
+    def none(*_):
+        raise NoFrames("it renders no frames")
+
+    monkeypatch.setattr(rendering, "_played", none)
+    with pytest.raises(SystemExit) as ended:
+        rendering.main('{"films": []}')
+    assert ended.value.code == video.BAD_REQUEST
+    assert capsys.readouterr().err == "it renders no frames\n"
 
 
 @pytest.mark.parametrize(

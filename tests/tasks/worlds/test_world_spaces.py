@@ -8,7 +8,7 @@ import tasks
 from hac_suite.types import level_specs
 from tasks.worlds import estimates
 from tasks.worlds.copies import Options
-from tasks.worlds.world import World
+from tasks.worlds.world import NoFrames, World
 from tests.tasks.worlds import toys
 from tests.tasks.worlds.playing import SEEDS, world
 
@@ -124,7 +124,7 @@ def test_pictures_are_the_environments_own_framed():
     assert not picture[:10].any() and not picture[-10:].any()  # twice as wide as high
     assert picture[30, :42].all() and not picture[30, 44:].any()
     env.show_subgoals(0, [np.zeros(2)])
-    with pytest.raises(RuntimeError, match="renders no frames"):
+    with pytest.raises(NoFrames, match="renders no frames"):
         plain = tasks.from_gymnasium(toys.Plain, 1, max_steps=5, goal="obs[0]", goal_threshold=1)
         plain.reset(SEEDS[:1])
         plain.render(0)
