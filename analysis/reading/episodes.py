@@ -106,6 +106,28 @@ def _episode(task: str, spaces: dict[str, Space], item: dict[str, Any]) -> Episo
     )  # fmt: skip
 
 
+def load_units(folder: Path) -> dict[str, str]:
+    """Units of the goal spaces' dimensions by name, from a record of episodes; {} without one."""
+    for file in (names.FAILED_EPISODES, names.ANATOMY):
+        try:
+            record = json.loads((Path(folder) / file).read_text(encoding="utf-8"))
+            spaces = [_space(record[name]) for name in ("goal_space", "subgoal_space")]
+        except (OSError, KeyError, TypeError, ValueError):
+            continue  # not recorded, or damaged: figures do without units
+        return {
+            name: unit
+            for space in spaces
+            for name, unit in zip(space.names, space.units, strict=True)
+        }
+    return {}
+
+
+def labelled(name: str, unit: str | None) -> str:
+    """A dimension as an axis names it: "tip x (m)"."""
+    plain = name.replace("_", " ")
+    return f"{plain} ({unit})" if unit else plain
+
+
 def planes(names: Sequence[str]) -> Iterator[tuple[str, tuple[int, int]]]:
     """The planes to show, named, with the dimensions that span them: ("rod", (2, 3))."""
     bodies = dict.fromkeys(name.rpartition("_")[0] for name in names)

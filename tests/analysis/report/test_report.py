@@ -239,6 +239,17 @@ def test_few_seeds_are_flagged(make_run):
     assert "fewer than" not in enough
 
 
+def test_the_heading_speaks_of_failing_tests_only_where_they_are_shown(make_run):
+    published, folder = grid.FOLDER / "pick_place", make_run(CURVES)
+    heading = "What was learnt, and which tests fail"
+    shutil.copy(published / "subgoals.csv", folder)
+    page = Page(write_report(folder))
+    assert "What was learnt" in page.text and heading not in page.text
+    assert "level 2 of the agent with 2 subgoal layers" in page.values("img", "alt")[-1]
+    shutil.copy(published / "anatomy.json", folder / "failures.json")
+    assert Page(write_report(folder)).text.count(heading) == 2  # in the contents, and above them
+
+
 def test_recorded_episodes_are_drawn(make_run):
     published = grid.FOLDER / "pick_place"
     folder = make_run(CURVES)
