@@ -111,13 +111,16 @@ def draw_failures(episodes: Sequence[Episode]) -> Figure:
 
 def _nearest(episode: Episode) -> str:
     """How near the episode came to its goal, in thresholds of the worst dimension."""
-    wanted = {d: episode.goal_in(d) for d in range(len(episode.subgoal_space.names))}
+    wanted = [(episode.goal_in(d), path) for d, path in enumerate(episode.path.T)]
+    wanted += [(dimension.goal, dimension.path) for dimension in episode.goal_only]
     away = [
-        np.abs(episode.path[:, dimension] - goal[0]) / goal[1]
-        for dimension, goal in wanted.items()
-        if goal is not None and goal[1] > 0
+        np.abs(path - goal[0]) / goal[1]
+        for goal, path in wanted
+        if goal is not None and goal[1] > 0 and path is not None
     ]
     if not away:
         return "the goal is not in the plane"
     nearest = float(np.max(away, axis=0).min())
-    return f"nearest: {nearest:.1f} thresholds from the goal"
+    unknown = [dimension.name for dimension in episode.goal_only if dimension.path is None]
+    but = f" ({', '.join(unknown)} not recorded)".replace("_", " ") if unknown else ""
+    return f"nearest: {nearest:.1f} thresholds from the goal{but}"

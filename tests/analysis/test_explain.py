@@ -196,6 +196,18 @@ def test_a_failure_says_how_near_it_came(folder):
         draw_failures([])
 
 
+def test_nearness_counts_what_only_the_end_goal_has(folder):
+    record = _failed()
+    wider = {"names": [*_SPACE["names"], "cart_x"], "units": ["m"] * 3, "threshold": [0.1, 0.2, 1]}
+    record["goal_space"] = wider
+    record["episodes"][0] |= {"goal": [0.8, 0.1, 9.0], "goal_path": [[0.0]] * 6}
+    for said in ("nearest: 9.0 thresholds", "nearest: 3.0 thresholds from the goal (cart x not"):
+        (folder / names.FAILED_EPISODES).write_text(json.dumps(record))
+        figure = draw_failures(load_episodes(folder, TASK, names.FAILED_EPISODES))
+        assert said in figure.axes[0].get_title()
+        record["episodes"][0].pop("goal_path", None)
+
+
 def test_planes_are_told_from_names():
     assert some_planes(["tip_x", "tip_z", "speed"]) == [("tip", (0, 1))]
     assert some_planes(["a", "b", "c"]) == [("a and b", (0, 1))]
