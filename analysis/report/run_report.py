@@ -118,7 +118,7 @@ def _headline(results: pd.DataFrame, verdict: Mapping[str, Any]) -> str:
         f"goals in tests{interval} (mean over {seeds})."
     )
     short = [f"with {agent} {says}" for agent, says in verdict["short"]]
-    return f"{said} Hierarchy against the flat agent: {', '.join(short)}." if short else said
+    return f"{said} Hierarchy against the flat agent: {'; '.join(short)}." if short else said
 
 
 def _pictures(results: pd.DataFrame) -> dict[str, Picture]:
@@ -202,7 +202,7 @@ def _verdict(results: pd.DataFrame) -> dict[str, Any]:
         return {"sentences": [], "lacking": str(error), "short": []}
     return {
         "sentences": [verdict.sentence for verdict in verdicts],
-        "short": [(paper.agent_name(one.subgoal_layers), one.says) for one in verdicts],
+        "short": [(paper.agent_name(one.subgoal_layers), one.short) for one in verdicts],
         "heading": hierarchy.HEADINGS,
         "rows": hierarchy.rows(verdicts),
     }
