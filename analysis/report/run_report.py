@@ -31,11 +31,12 @@ _HEADINGS = {
     "success": "Success at the last test period",
     "verdict": "Does hierarchy help here?",
     "watch": "Watch it",
-    "levels": "What the levels do",
-    "why": "What was learnt, and which tests fail",
+    "levels": "What the levels do in training",
+    "why": "What was learnt",
     "reproduce": "How to reproduce",
 }
-_EXPLAINED = (
+_FAILURES = ", and which tests fail"  # added to a heading
+_QUANTITIES = (
     (
         "subgoals missed",
         "The share of the subgoals that a level proposed in training and that the level below did "
@@ -71,24 +72,28 @@ def write_report(run_dir: Path) -> Path:
     task = results["task"].iloc[0]
     name = paper.title(task)
     verdict = _verdict(results)
+    explained = list(explanations(run_dir, task))
+    headings = dict(_HEADINGS)
+    if any(shown.of_failures for shown in explained):
+        headings["why"] += _FAILURES
     document = render(
         "run.html",
         title=f"{name} - hierarchical actor-critic",
         name=name,
         about=paper.ABOUT.get(task, ""),
         headline=_headline(results, verdict),
-        headings=_HEADINGS,
-        contents=_HEADINGS.items(),
+        headings=headings,
+        contents=headings.items(),
         **_pictures(results),
         final=_final(results, task),
         verdict=verdict,
         replays=_below(run_dir, names.REPLAYS, "*.html"),
         videos=_below(run_dir, names.VIDEOS, "*.mp4"),
         anatomies=_anatomies(run_dir, task),
-        explained=_EXPLAINED,
+        quantities=_QUANTITIES,
         explanations=[
             Picture.of(shown.figure, shown.description, shown.caption, DOTS_PER_INCH // 2)
-            for shown in explanations(run_dir, task)
+            for shown in explained
         ],
         recording=recording_command(task, run_dir),
         commands=_recorded_commands(manifest) or [_command_for(results)],
@@ -113,7 +118,7 @@ def _headline(results: pd.DataFrame, verdict: Mapping[str, Any]) -> str:
         f"goals in tests{interval} (mean over {seeds})."
     )
     short = [f"with {agent} {says}" for agent, says in verdict["short"]]
-    return f"{said} Hierarchy against the flat agent: {', '.join(short)}." if short else said
+    return f"{said} Hierarchy against the flat agent: {'; '.join(short)}." if short else said
 
 
 def _pictures(results: pd.DataFrame) -> dict[str, Picture]:
@@ -144,7 +149,7 @@ def _pictures(results: pd.DataFrame) -> dict[str, Picture]:
         "diagnostics": Picture.of(
             draw_diagnostics(results),
             "missed subgoals and Q values per level and test period",
-            "Per test period, a column for each agent and a line for each level.",
+            "In training, before each test period: a column for each agent, a line for each level.",
             DOTS_PER_INCH,
         ),
     }
@@ -197,7 +202,7 @@ def _verdict(results: pd.DataFrame) -> dict[str, Any]:
         return {"sentences": [], "lacking": str(error), "short": []}
     return {
         "sentences": [verdict.sentence for verdict in verdicts],
-        "short": [(paper.agent_name(one.subgoal_layers), one.says) for one in verdicts],
+        "short": [(paper.agent_name(one.subgoal_layers), one.short) for one in verdicts],
         "heading": hierarchy.HEADINGS,
         "rows": hierarchy.rows(verdicts),
     }

@@ -27,7 +27,7 @@ def like(curve, seeds=8):
 def test_the_verdict_follows_the_data(make_results, flat, deep, says):
     (found,) = hierarchy.judge(make_results({0: flat, 1: deep}), {})
     assert (found.subgoal_layers, found.says) == (1, says)
-    assert f"1 subgoal layer: {says}. " in found.sentence
+    assert f"1 subgoal layer: {says} at equal environment steps (" in found.sentence
 
 
 def test_area_is_compared_at_equal_steps_minutes_and_episodes(make_results):
@@ -43,6 +43,22 @@ def test_area_is_compared_at_equal_steps_minutes_and_episodes(make_results):
     assert steps > 0.15 and minutes < -0.15 and episodes == 0
     assert improvement > 0.9  # of a seed at equal environment steps
     assert found.says == HELPS  # environment steps decide
+    assert found.short == "it helps at equal environment steps, it loses at equal core-minutes"
+    gain, loss = found.sentence.split("; ")
+    assert "it helps at equal environment steps (a gain: +" in gain
+    assert loss.startswith("it loses at equal core-minutes (a loss: -")
+
+
+def test_a_loss_is_called_a_loss_wherever_it_is_told(make_results):
+    losses = np.array([0.2, -0.3, 0.1, -0.25, 0.0, -0.2])
+    deep = [[0, 0.5 + loss, 0.5 + loss] for loss in losses]
+    results = make_results({0: [[0, 0.5, 0.5]] * 6, 1: deep})
+    (found,) = hierarchy.judge(results, {})
+    assert found.says == UNDECIDED and found.deciding.value < 0
+    assert found.sentence.count("a loss: -") == 2  # at equal steps and at equal minutes
+    assert "If the loss at equal environment steps is what was seen, about" in found.sentence
+    told = [found.sentence, *(item.quantity for item in found.evidence)]
+    assert "gain" not in " ".join(told).replace("against", "").split()
 
 
 def test_seeds_are_compared_with_themselves(make_results):
@@ -94,7 +110,7 @@ def test_the_command_prints_sentences_and_all_that_was_measured(make_run, capsys
     folder = make_run({0: like(SLOW), 1: like(FAST)})
     assert verdict.main(["", str(folder)]) == 0
     printed = capsys.readouterr().out
-    assert "- 1 subgoal layer: it helps. +" in printed
+    assert "- 1 subgoal layer: it helps at equal environment steps (a gain: +" in printed
     assert printed.count("| 1 against 0 |") == 5
     folder.rename(tmp_path / "ours")
     other = make_run({0: like(FAST), 1: like(FAST)})

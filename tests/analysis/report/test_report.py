@@ -226,7 +226,7 @@ def test_the_verdict_and_the_best_agent_are_in_the_first_lines(make_run):
     curves = {0: [[0.0, 0.1, 0.2]] * 6, 1: [[0.0, 0.8, 0.9]] * 6}
     text = " ".join(Page(write_report(make_run(curves))).text.split())
     assert "After 600 training episodes, the agent with 1 subgoal layer achieves 90.0%" in text
-    assert "Hierarchy against the flat agent: with 1 subgoal layer it helps." in text
+    assert "Hierarchy against the flat agent: with 1 subgoal layer it helps at equal " in text
     alone = make_run({1: [[0.0, 0.5]]}, task="ur5_reacher")
     text = " ".join(Page(write_report(alone)).text.split())
     assert "Not to be told: this folder holds results of 1 subgoal layer only" in text
@@ -237,6 +237,17 @@ def test_few_seeds_are_flagged(make_run):
     assert "fewer than 5 seeds: little more than their range" in few
     enough = Page(write_report(make_run({1: [[0.0, 0.5]] * 5}, task="ur5_reacher"))).text
     assert "fewer than" not in enough
+
+
+def test_the_heading_speaks_of_failing_tests_only_where_they_are_shown(make_run):
+    published, folder = grid.FOLDER / "pick_place", make_run(CURVES)
+    heading = "What was learnt, and which tests fail"
+    shutil.copy(published / "subgoals.csv", folder)
+    page = Page(write_report(folder))
+    assert "What was learnt" in page.text and heading not in page.text
+    assert "level 2 of the agent with 2 subgoal layers" in page.values("img", "alt")[-1]
+    shutil.copy(published / "anatomy.json", folder / "failures.json")
+    assert Page(write_report(folder)).text.count(heading) == 2  # in the contents, and above them
 
 
 def test_recorded_episodes_are_drawn(make_run):
