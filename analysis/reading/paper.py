@@ -20,7 +20,7 @@ ABOUT = {
     "marker, with the cart below.",
     "pick_place": "A robot worm is to pick the blue rod up and to bring it to the yellow one.",
 }
-"""What is to be done in each task, in a sentence."""
+"""What is to be done in each task: the title of its spec, which the analysis may not import."""
 
 STEPS_TO_GOAL = {
     "pendulum_climb": 100,

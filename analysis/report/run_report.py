@@ -25,6 +25,7 @@ from analysis.report.page import Picture, render
 from analysis.statistics.seeds import FEW_SEEDS, final_success, success_per_period, with_cost
 from analysis.verdicts import hierarchy
 
+_MANY_PANELS = 120  # dots per inch of pictures that have so many that the page would get large
 _FILES = (names.FIGURE, names.FIGURE_NUMBERS, names.RESULTS, names.MANIFEST, names.SUBGOALS)
 _HEADINGS = {
     "learning": "How it learns",
@@ -92,7 +93,7 @@ def write_report(run_dir: Path) -> Path:
         anatomies=_anatomies(run_dir, task),
         quantities=_QUANTITIES,
         explanations=[
-            Picture.of(shown.figure, shown.description, shown.caption, DOTS_PER_INCH // 2)
+            Picture.of(shown.figure, shown.description, shown.caption, _MANY_PANELS)
             for shown in explained
         ],
         recording=recording_command(task, run_dir),
@@ -225,7 +226,7 @@ def _anatomies(run_dir: Path, task: str) -> list[Picture]:
             f"one test episode of the agent with {paper.agent_name(episode.subgoal_layers)}",
             f"One test episode of the agent with {paper.agent_name(episode.subgoal_layers)}: its "
             "path, what its levels asked for over time, and what came of it.",
-            DOTS_PER_INCH // 2,
+            _MANY_PANELS,
         )
         for episode in sorted(episodes, key=lambda episode: episode.subgoal_layers)
     ]

@@ -193,7 +193,7 @@ def test_attached_is_read_where_it_is_observed():
     [
         (["--task=pick_plce"], "unknown task 'pick_plce': did you mean 'pick_place'?"),
         (["--task=ur5_reacher"], "holds no policies of ur5_reacher"),
-        (["--policies=elsewhere"], "elsewhere holds no policies of pick_place"),
+        (["--policies=elsewhere"], "elsewhere does not exist"),
         (["--episodes=0"], "--episodes=0"),
         (["--outptu=a"], "did you mean 'output'?"),
     ],

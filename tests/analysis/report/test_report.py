@@ -27,7 +27,8 @@ def empty_pictures(monkeypatch):
     """To draw figures takes most of a report's time, and one test looks at them."""
 
     def of(figure, description, caption, dpi):
-        return page.Picture("data:image/png;base64,", description, caption)
+        width = figure.get_figwidth()
+        return page.Picture("data:image/png;base64,", description, caption, width)
 
     monkeypatch.setattr(page.Picture, "of", of)
 
@@ -59,8 +60,8 @@ class Page(HTMLParser):
 
 
 def _cells(path: Path) -> list[list[str]]:
-    rows = re.findall(r"<tr>(<td>.*?)</tr>", path.read_text(encoding="utf-8"))
-    return [re.findall(r"<td>(.*?)</td>", row) for row in rows]
+    rows = re.findall(r"<tr [^>]*>(<td .*?)</tr>", path.read_text(encoding="utf-8"))
+    return [re.findall(r"<td [^>]*>(.*?)</td>", row) for row in rows]
 
 
 def test_figures_are_inside_the_page_and_nothing_is_fetched(make_run, monkeypatch):
@@ -121,8 +122,8 @@ def _manifest(*commands: list[str]) -> dict:
 
 
 def _commands(path: Path) -> list[str]:
-    (block,) = re.findall(r"<pre[^>]*>(.*?)</pre>", path.read_text(encoding="utf-8"), re.DOTALL)
-    return html.unescape(block).splitlines()
+    blocks = re.findall(r"<pre>(.*?)</pre>", path.read_text(encoding="utf-8"), re.DOTALL)
+    return [html.unescape(re.sub(r"</?span>", "", block)) for block in blocks]
 
 
 def test_commands_and_configuration_come_from_the_manifest(make_run):
@@ -200,6 +201,17 @@ def test_everything_can_be_read_without_eyes_or_a_mouse(make_run):
     anchors = {link for link in shown.values("a", "href") if link.startswith("#")}
     assert {f"#{name}" for name in shown.values("section", "id")} == anchors
     assert "replays/pick_place_1layers.html" in shown.values("a", "href")
+
+
+def test_wide_pictures_scroll_by_themselves_and_cells_name_their_column(make_run):
+    """So that a phone can show both; test_report_in_browser.py looks at that."""
+    path = write_report(make_run(CURVES))
+    regions = [attrs for _, attrs in Page(path).tags if attrs.get("class") == "scroll"]
+    text = path.read_text(encoding="utf-8")
+    wide = re.findall(r'<img [^>]*alt="([^"]*)" style="--full: [\d.]+in">', text)
+    assert len(wide) == 3 and set(wide) <= {attrs["aria-label"] for attrs in regions}
+    assert text.count("Move it sideways") == 3  # but not the first one, which a phone has room for
+    assert '<td role="cell" data-heading="steps to goal">110</td>' in text
 
 
 def _luminance(colour: str) -> float:

@@ -93,7 +93,10 @@ def test_the_file_holds_every_frame(course, tmp_path):
     """viser's recording, decoded and played in Python, shows the bodies that were seen."""
     pytest.importorskip("viser", exc_type=ImportError)
     replay.write(course, tmp_path / "episode.html")
-    messages, duration = _recording((tmp_path / "episode.html").read_text())
+    html = (tmp_path / "episode.html").read_text()
+    (scheme,) = re.findall(r"__VISER_EMBED_CONFIG__=\{darkMode:(.*?)\};", html)
+    assert scheme == "matchMedia('(prefers-color-scheme: dark)').matches"
+    messages, duration = _recording(html)
     assert duration > course.steps * course.control_timestep
     names = [f"/{i}_{name.replace('/', '_')}" for i, name in enumerate(course.stage.bodies)]
     position: dict[str, tuple] = {}
