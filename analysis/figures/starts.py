@@ -67,8 +67,8 @@ def draw_starts(table: pd.DataFrame, units: Mapping[str, str]) -> Figure:
 
 def _failures(table: pd.DataFrame, layers: int) -> str:
     failed, seeds = int((table["success"] == 0).sum()), table["seed"].nunique()
-    of = f"{len(table)} tests, {seeds} seed{'' if seeds == 1 else 's'}"
-    return f"{paper.agent_name(layers)}\n{failed} of {of} fail"
+    of = f"{seeds} seed{'' if seeds == 1 else 's'}"
+    return f"{paper.agent_name(layers)}\n{failed} of {len(table)} tests of {of} fail"
 
 
 def _draw_ends(ax: Axes, table: pd.DataFrame, kind: str, names: tuple[str, ...]) -> None:

@@ -45,10 +45,12 @@ def _film(course: Course) -> str:
     try:
         drawn = scene.Scene(server, course.stage)
         drawn.draw(_rounded(course.poses[0]))
+        drawn.draw_here(course.trail[0].round(_DIGITS))
         recording = server.get_scene_serializer()
-        for poses in course.poses[1:]:
+        for poses, here in zip(course.poses[1:], course.trail[1:], strict=True):
             recording.insert_sleep(course.control_timestep)
             drawn.draw(_rounded(poses))
+            drawn.draw_here(here.round(_DIGITS))
         recording.insert_sleep(_SECONDS_AFTER)
         return recording.as_html()
     finally:
@@ -98,6 +100,7 @@ def overlay(course: Course) -> dict[str, Any]:
         "steps": course.steps,
         "timestep": course.control_timestep,
         "goal": stage.colour(stage.goal) or _EMPTY,
+        "here": f"rgb{scene.HERE}" if course.trail.shape[1] else None,
         "lanes": lanes,
         "outcomes": {
             word: {"colour": COLOURS[outcome], "sign": SIGNS[outcome]}

@@ -140,7 +140,7 @@ def test_each_test_is_a_dot_or_a_cross():
     for ax in figure.axes:
         dots, crosses = (part.get_offsets() for part in ax.collections)
         assert (len(dots), len(crosses)) == (8, 2)
-    assert "2 of 10 tests, 2 seeds fail" in figure.axes[0].get_ylabel()
+    assert "2 of 10 tests of 2 seeds fail" in figure.axes[0].get_ylabel()
     assert figure.axes[0].get_xlabel() == "gripper x (m)"
     assert np.allclose(figure.axes[0].collections[1].get_offsets()[:, 0], 0.1)
 

@@ -114,6 +114,8 @@ def test_the_file_holds_every_frame(course, tmp_path):
             if frame.seen[body]:
                 held = position.get(name, (0, 0, 0))
                 np.testing.assert_allclose(held, frame.position[body], atol=1e-4)
+        # A dot where the effector is, which is what subgoals are about.
+        np.testing.assert_allclose(position["/here_0"], course.trail[step, 0], atol=1e-4)
 
 
 def _recording(html: str) -> tuple[list, float]:
