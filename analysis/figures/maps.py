@@ -112,8 +112,12 @@ def _draw_row(
         ax.pcolormesh(*each.edges, filled, cmap=colours, norm=scale, rasterized=True)
         ax.set(xlim=each.edges[0][[0, -1]], ylim=each.edges[1][[0, -1]])
         _annotate(ax, own[own["train_episodes"] == panel.stage], panel)
-    ticks = {"ticks": LogLocator(subs=(1, 2, 5)), "format": StrMethodFormatter("{x:.0f}")}
-    bar = figure.colorbar(ScalarMappable(scale, colours), ax=row, **ticks)
+    bar = figure.colorbar(
+        ScalarMappable(scale, colours),
+        ax=list(row),
+        ticks=LogLocator(subs=(1, 2, 5)),
+        format=StrMethodFormatter("{x:.0f}"),
+    )
     bar.set_label("subgoals per cell (log)", fontsize="small")
     bar.ax.yaxis.set_minor_locator(NullLocator())
     bar.ax.tick_params(labelsize="x-small")
@@ -132,7 +136,8 @@ def _count(own: pd.DataFrame, panel: _Panel) -> _Cells:
     room = 0.05 * np.maximum(high - low, 1e-6)
     limits = np.stack([low - room, high + room], axis=1).tolist()
     shown = points[own["train_episodes"] == panel.stage]
-    counts, *edges = np.histogram2d(*shown.T, bins=_BINS, range=limits)
+    across, up = shown.T
+    counts, *edges = np.histogram2d(across, up, bins=_BINS, range=limits)
     return _Cells(counts, edges)
 
 

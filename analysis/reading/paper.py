@@ -34,7 +34,7 @@ STEPS_TO_GOAL = {
 
 def title(task: str) -> str:
     """The task's name as in Figure 5; a task the paper lacks is named after itself."""
-    return TITLES.get(task, task.replace("_", " ").capitalize())
+    return TITLES.get(task, task[:1].upper() + task[1:].replace("_", " "))
 
 
 def in_order(table: pd.DataFrame) -> pd.DataFrame:

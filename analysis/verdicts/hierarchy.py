@@ -42,6 +42,7 @@ class Verdict:
       minutes: that at equal core-minutes, judged.
       evidence: all that was measured, the deciding difference first.
       seeds_needed: of each agent, to decide what is undecided; None where that cannot be said.
+      least_seeds: fewer decide nothing, however large the difference.
     """
 
     subgoal_layers: int
@@ -50,6 +51,7 @@ class Verdict:
     minutes: Evidence
     evidence: tuple[Evidence, ...]
     seeds_needed: int | None
+    least_seeds: int
 
     @property
     def says(self) -> str:
@@ -82,7 +84,7 @@ class Verdict:
 
     def _what_it_takes(self) -> str:
         if self.seeds_needed is None:
-            return f"With {LEAST_SEEDS} seeds or more of each agent it can be judged."
+            return f"With {self.least_seeds} seeds or more of each agent it can be judged."
         seen = evidence.direction(self.deciding).removeprefix("a ")
         return (
             f"If the {seen} at {EQUAL[areas.STEPS]} is what was seen, about {self.seeds_needed} "
@@ -120,7 +122,7 @@ def judge(results: pd.DataFrame, flats: Mapping[str, pd.DataFrame]) -> list[Verd
     )
     judged = zip(steps, minutes, strict=True)
     return [
-        _verdict(deep, rival.name, both, items, complete)
+        _verdict(deep, rival.name, both, items, complete, len(own))
         for deep, both, items in zip(layers[1:], judged, own, strict=True)
     ]
 
@@ -207,22 +209,35 @@ def _verdict(
     judged: tuple[Evidence, Evidence],
     found: Sequence[Evidence],
     results: pd.DataFrame,
+    comparisons: int,
 ) -> Verdict:
     """`judged` are the differences in area at equal environment steps and core-minutes."""
     undecided = _says(judged[0]) == UNDECIDED
-    needed = seeds_needed(*pairs(results, deep, areas.STEPS)) if undecided else None
-    return Verdict(deep, rival, *judged, tuple(found), needed)
+    seen = pairs(results, deep, areas.STEPS)
+    needed = seeds_needed(*seen, comparisons) if undecided else None
+    return Verdict(deep, rival, *judged, tuple(found), needed, least_seeds(comparisons))
 
 
-def seeds_needed(new: np.ndarray, old: np.ndarray) -> int | None:
+def least_seeds(comparisons: int) -> int:
+    """Pairs of seeds below which no difference is found, even if every pair shows it.
+
+    n pairs have 2^n patterns of signs, so that the two-sided p is at least 2 / 2^n; Holm's
+    correction multiplies the least p by the number of comparisons.
+    """
+    patterns = 2 * comparisons / evidence.ALPHA
+    return max(math.floor(math.log2(patterns)) + 1, LEAST_SEEDS)
+
+
+def seeds_needed(new: np.ndarray, old: np.ndarray, comparisons: int = 1) -> int | None:
     """Pairs of seeds with which a difference as seen would be found with chance `POWER`.
 
-    By the normal approximation of a paired test at `ALPHA`; None from fewer than 3 pairs, or where
-    no difference was seen.
+    By the normal approximation of a paired test at `ALPHA` over the number of comparisons; None
+    from fewer than 3 pairs, or where no difference was seen.
     """
     gains = new - old
     if len(gains) < 3 or not gains.mean():
         return None
     spread = gains.std(ddof=1) / abs(gains.mean())
-    z = scipy.stats.norm.ppf(1 - evidence.ALPHA / 2) + scipy.stats.norm.ppf(POWER)
-    return max(math.ceil((z * spread) ** 2), len(gains) + 1, LEAST_SEEDS)
+    alpha = evidence.ALPHA / comparisons
+    z = scipy.stats.norm.ppf(1 - alpha / 2) + scipy.stats.norm.ppf(POWER)
+    return max(math.ceil((z * spread) ** 2), len(gains) + 1, least_seeds(comparisons))

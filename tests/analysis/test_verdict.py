@@ -98,6 +98,19 @@ def test_what_is_undecided_says_how_many_seeds_would_tell(make_results):
     assert f"about {found.seeds_needed} seeds" in found.sentence
 
 
+@pytest.mark.parametrize(("hierarchies", "least"), [((1,), 6), ((1, 2), 7)])
+def test_fewer_seeds_decide_nothing_however_large_the_gain(make_results, hierarchies, least):
+    def judged(seeds):
+        curves = {0: SLOW, **dict.fromkeys(hierarchies, FAST)}
+        return hierarchy.judge(make_results({k: [c] * seeds for k, c in curves.items()}), {})
+
+    assert hierarchy.least_seeds(len(hierarchies)) == least
+    assert {found.says for found in judged(least)} == {HELPS}
+    for found in judged(least - 1):
+        assert found.says == UNDECIDED
+        assert f"{least} seeds" in found.sentence
+
+
 def test_so_many_seeds_find_the_gain_as_often_as_is_said():
     random = np.random.default_rng(0)
     new, old = random.normal(0.05, 0.1, 12), np.zeros(12)

@@ -14,11 +14,11 @@ from analysis.reading.subgoals import load_subgoals
 from hac_suite.algorithm.hierarchy import collect
 from launch import record_subgoals
 from launch.asking import settings
-from launch.folder import policies
 from launch.folder.layout import RunFolder
 from launch.jobs import worker
 from launch.pictures import subgoal_log
 from launch.recording.anatomy import anatomy
+from tests.cases import published
 
 TASK, LAYERS, SEED = "pick_place", 2, 3
 EPISODES, HORIZONS = 6, (7, 5, 9)
@@ -168,7 +168,7 @@ def test_the_command_writes_what_the_analysis_reads(folder, tmp_path, capsys):
 
 
 def test_what_only_the_end_goal_has_is_recorded_beside_the_path():
-    policy = policies.PUBLISHED / "cartpole_swingup_1layers_seed0"
+    policy = published("cartpole_swingup", 1)
     played = subgoal_log.replay(hac_suite.Policy.load(policy), 1)
     (episode,) = anatomy([(played, 0)], "cartpole_swingup")["episodes"]
     tip, cart = np.array(episode["path"]), np.array(episode["goal_path"])

@@ -12,14 +12,14 @@ import pytest
 import hac_suite
 import tasks
 from launch import play
-from launch.folder import policies
 from launch.pictures import course as course_lib
 from launch.pictures import replay, scene
 from launch.pictures.course import Course
 from launch.pictures.video import RenderingError
+from tests.cases import published
 
 TASK, SEED = "ur5_reacher", 11
-POLICY = policies.PUBLISHED / f"{TASK}_2layers_seed0"
+POLICY = published(TASK, 2)
 
 
 @pytest.fixture(scope="module")
@@ -134,8 +134,7 @@ def _recording(html: str) -> tuple[list, float]:
 @pytest.mark.parametrize("task", tasks.ALL)
 def test_a_replay_of_every_task_is_small(task, tmp_path):
     pytest.importorskip("viser", exc_type=ImportError)
-    (found,) = (p for p in policies.published(task) if p.subgoal_layers == 2)
-    replay.render([found.path], tmp_path / "new" / "r.html")
+    replay.render([published(task, 2)], tmp_path / "new" / "r.html")
     assert 500_000 < (tmp_path / "new" / "r.html").stat().st_size < 3_000_000
     assert [path.name for path in (tmp_path / "new").iterdir()] == ["r.html"]
 
