@@ -254,16 +254,6 @@ def test_lines_wrap_at_100(page):
         assert len(line) <= 100 or cannot_wrap, f"{page}, line {number}"
 
 
-def test_the_correction_is_the_same_wherever_it_stands():
-    """But for where its links lead from, and whose the pictures are."""
-    said = []
-    for page in ("README.md", "docs/results.md"):
-        lines = text(page).splitlines()
-        quoted = " ".join(line.lstrip("> ") for line in lines if line.startswith(">"))
-        said.append(quoted.replace("](docs/", "](").replace("README's ", ""))
-    assert "Correction" in said[0] and said[0] == said[1]
-
-
 def test_every_hyperparameter_is_explained():
     explained = re.findall(r"^\| `(\w+)` \|", text("docs/concepts.md"), flags=re.MULTILINE)
     assert {field.name for field in dataclasses.fields(hac_suite.Config)} <= set(explained)
