@@ -212,6 +212,7 @@ def test_wide_pictures_scroll_by_themselves_and_cells_name_their_column(make_run
     assert len(wide) == 3 and set(wide) <= {attrs["aria-label"] for attrs in regions}
     assert text.count("Move it sideways") == 3  # but not the first one, which a phone has room for
     assert '<td role="cell" data-heading="steps to goal">110</td>' in text
+    assert re.search(r"pre \{[^}]*white-space: pre-wrap", text)  # and commands are wrapped
 
 
 def _luminance(colour: str) -> float:
