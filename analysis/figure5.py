@@ -14,7 +14,7 @@ from matplotlib.patches import Patch
 from analysis import program
 from analysis.figures.costs import COST_LABELS
 from analysis.figures.success import (
-    Look,
+    FLAT_LOOKS,
     label_periods,
     look,
     plot_curve,
@@ -48,10 +48,6 @@ COLUMNS = (*schema.FIGURE_COLUMNS, "train_steps", "core_minutes", "flat")
 
 _AXES = {"period": "test period (training episodes below)", **COST_LABELS}
 _SUFFIXES = {"period": "", "train_steps": "_steps", "core_minutes": "_minutes"}
-_FLAT_LOOKS = (
-    Look("#3f8fe0", "x", ":", width=0.8, band=False),
-    Look("#7fa8dd", "", "-", width=0.6, band=False),
-)
 _ROWS, _COLUMNS = 2, 3
 _NOTE = (
     "Lines: mean over seeds of the share of\n"
@@ -101,7 +97,7 @@ def _plot_panel(ax: Axes, task: str, own: pd.DataFrame, against: str) -> None:
     shown = own[own["flat"] == ""]
     if len(shown):
         plot_success(ax, shown, legend=False, against=against)
-        for name, style in zip(grid.FLATS, _FLAT_LOOKS, strict=True):
+        for name, style in zip(grid.FLATS, FLAT_LOOKS, strict=True):
             if len(curve := own[own["flat"] == name]):
                 plot_curve(ax, curve, style, name, against=against)
     else:
@@ -137,7 +133,7 @@ def _explain(ax: Axes, flats: Sequence[str], against: str) -> None:
         handles.append((line, Patch(facecolor=style.colour, alpha=0.18, linewidth=0)))
     names = [paper.agent_name(layers) for layers in AGENTS]
     names[0] += f" ({OWN})"
-    for name, style in zip(grid.FLATS, _FLAT_LOOKS, strict=True):
+    for name, style in zip(grid.FLATS, FLAT_LOOKS, strict=True):
         if name in flats:
             (line,) = ax.plot(
                 [], [], color=style.colour, marker=style.marker, linestyle=style.line,

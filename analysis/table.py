@@ -59,6 +59,12 @@ def tabulate(results: pd.DataFrame) -> pd.DataFrame:
     return pd.DataFrame(rows, columns=list(HEADINGS))
 
 
+def as_markdown(results: pd.DataFrame) -> list[str]:
+    """The lines of the table."""
+    rows = tabulate(results).itertuples(index=False)
+    return [f"| {' | '.join(cells)} |" for cells in (HEADINGS, ("---",) * len(HEADINGS), *rows)]
+
+
 def _whole(value: float | None) -> str:
     return "-" if value is None or pd.isna(value) else f"{value:.0f}"
 
@@ -69,9 +75,7 @@ def main(argv: Sequence[str]) -> int:
 
 
 def _show(paths: Sequence[str]) -> None:
-    table = tabulate(load(paths))
-    for cells in (HEADINGS, ("---",) * len(HEADINGS), *table.itertuples(index=False)):
-        print(f"| {' | '.join(cells)} |")
+    print(*as_markdown(load(paths)), sep="\n")
 
 
 if __name__ == "__main__":

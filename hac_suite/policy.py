@@ -40,7 +40,7 @@ def as_actor(network: StackedMLP, spec: LevelSpec) -> Actor:
 class Policy:
     """One trained agent: the actors of all its levels, of one seed.
 
-        policy = hac_suite.Policy.load("assets/policies/pick_place_2layers_seed1")
+        policy = hac_suite.Policy.load("assets/policies/pick_place_2layers_seed3")
         policy.reset(tasks.spec("pick_place"))
         while ...:  # an episode
             action = policy.act(observation, goal, achieved_subgoal)

@@ -93,7 +93,7 @@ def _show(values: flags.FlagValues) -> None:
     folder = Path("runs", task) if values.run is None else Path(values.run)
     found = [own for own in policies.find(folder / names.POLICIES) if own.task == task]
     if not found:
-        raise CommandError(f"{folder} holds no policies of {task}")
+        raise CommandError(policies.lacking(folder, task))
     table = Table(box=None, pad_edge=False, header_style="bold")
     headings = ("agent", "seeds", "first touch", "at the end", "steps held after")
     for heading in headings:

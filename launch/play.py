@@ -107,7 +107,7 @@ def _choose(values: flags.FlagValues, task: str) -> list[policies.Found]:
     found, where = policies.of_task(task, run, typed=bool(values["task"].present))
     chosen = policies.choose(found, where, values.subgoal_layers, values.seed)
     if where == policies.PUBLISHED:
-        print(f"{Path('runs', task)} holds no policies: playing the published one")
+        print(f"{policies.lacking(Path('runs', task))}: playing the published policy")
     return chosen
 
 

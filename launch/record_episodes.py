@@ -66,7 +66,7 @@ def _record(values: flags.FlagValues) -> None:
     run = None if values.run is None else Path(values.run)
     found, where = policies.of_task(task, run, typed=bool(values["task"].present))
     if not found:
-        raise CommandError(f"{where} holds no policies of {task}")
+        raise CommandError(policies.lacking(where, task))
     stages = policies.find(where / names.STAGES)
     output = Path(values.output) if values.output else run or Path("runs", task)
     for path in record(found, stages, output, values.episodes):

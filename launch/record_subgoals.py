@@ -59,7 +59,7 @@ def _record(values: flags.FlagValues) -> None:
     folder = run / names.POLICIES if values.policies is None else Path(values.policies)
     found = [policy for policy in policies.find(folder) if policy.task == task]
     if not found:
-        raise CommandError(f"{folder} holds no policies of {task}")
+        raise CommandError(policies.lacking(folder, task))
     output = run if values.output is None else Path(values.output)
     for path in record(found, output, values.episodes):
         print(path)

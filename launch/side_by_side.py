@@ -115,7 +115,7 @@ def _found(values: flags.FlagValues, task: str) -> tuple[list[policies.Found], P
     run = None if values.run is None else Path(values.run)
     found, where = policies.of_task(task, run, typed=bool(values["task"].present))
     if not found:
-        raise CommandError(f"{where} holds no policies of {task}")
+        raise CommandError(policies.lacking(where, task))
     return found, where
 
 
@@ -125,8 +125,8 @@ def _stages(values: flags.FlagValues, task: str) -> list[Column]:
     found = policies.find(run / names.STAGES)
     if not found:
         raise CommandError(
-            f"{run / names.STAGES} holds no policies; `python launch/run.py --keep_policies=0,1,3` "
-            "keeps those of these test periods"
+            f"{policies.lacking(run / names.STAGES)}; `python launch/run.py --keep_policies=0,1,3` "
+            "keeps the policies of these test periods"
         )
     latest = max(policy.train_episodes for policy in found)
     last = [policy for policy in found if policy.train_episodes == latest]

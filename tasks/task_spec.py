@@ -18,7 +18,7 @@ class TaskSpec:
         spec.max_steps, spec.goal_space.names, spec.observation_dim, spec.action_high
 
     Attributes:
-      title: what is to be done, in a sentence.
+      title: what is to be done, in a sentence or two.
       control_timestep: seconds between actions.
       max_steps: control steps after which an episode is cut off.
       goal_space: the space of end goals, G dimensions.

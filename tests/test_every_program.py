@@ -16,9 +16,8 @@ import hac_suite
 from analysis import program
 from analysis.reading import grid
 from hac_suite import policy_files
-from launch.folder import policies
 from tests import generated
-from tests.cases import some_slow
+from tests.cases import published, some_slow
 from tests.test_programs import PROGRAMS
 
 TASK = "pendulum_climb"
@@ -139,7 +138,7 @@ def run(tmp_path, monkeypatch) -> Path:
     (folder / "subgoals.csv").write_text("".join(lines[:40]))
     for name in ("manifest.json", "anatomy.json"):
         (folder / name).write_bytes((grid.FOLDER / TASK / name).read_bytes())
-    for file in policy_files.paths(policies.PUBLISHED / f"{TASK}_1layers_seed0"):
+    for file in policy_files.paths(published(TASK, 1)):
         (folder / "policies" / file.name).write_bytes(file.read_bytes())
     return folder
 

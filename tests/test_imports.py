@@ -124,9 +124,9 @@ def wrong_arrows(source: str, path: str) -> set[str]:
 
 
 def files() -> list[str]:
-    return sorted(
-        str(path.relative_to(ROOT)) for house in HOUSES for path in (ROOT / house).rglob("*.py")
-    )
+    """All but data: the task files there are as launch/new_task.py writes them for anybody."""
+    found = [path.relative_to(ROOT) for house in HOUSES for path in (ROOT / house).rglob("*.py")]
+    return sorted(str(path) for path in found if path.parts[:2] != ("analysis", "data"))
 
 
 @pytest.mark.parametrize("path", files())

@@ -10,7 +10,7 @@ from matplotlib.patches import Patch, Rectangle
 
 from analysis.figures.diagnostics import LOOKS
 from analysis.reading import paper
-from analysis.reading.episodes import Episode, Subgoal, planes
+from analysis.reading.episodes import Episode, GoalDimension, Subgoal, labelled, planes
 
 _GOAL_COLOUR = "#f0c000"
 _PATH_COLOUR = "#333333"
@@ -24,21 +24,25 @@ _HATCH = "////"
 def draw_anatomy(episode: Episode) -> Figure:
     """Left: the planes in which the agent moves. Right: every dimension over time, and outcomes.
 
+    Dimensions that only the end goal has come after those of subgoals.
+
     Subgoals have the colour of their markers in videos: purple for level 1's, green for level 2's.
     Filled ones were achieved, hatched or crossed ones missed, hollow ones cut short.
     """
     shown = list(planes(episode.subgoal_space.names))
     dimensions = len(episode.subgoal_space.names)
-    rows = dimensions + 1
+    rows = dimensions + len(episode.goal_only) + 1
     figure = Figure(figsize=(13, max(5.2, 1.5 * rows + 1.2)))
     figure.set_layout_engine("constrained", w_pad=0.08, h_pad=0.05)
     left, right = figure.subfigures(1, 2, width_ratios=(1, 1.25), squeeze=False)[0]
     for ax, plane in zip(np.ravel(left.subplots(len(shown), 1)), shown, strict=True):
         draw_plane(ax, episode, *plane)
-    heights = [1.0] * dimensions + [0.3 + 0.35 * max(episode.subgoal_layers, 1)]
+    heights = [1.0] * (rows - 1) + [0.3 + 0.35 * max(episode.subgoal_layers, 1)]
     *over_time, outcomes = right.subplots(rows, 1, sharex=True, height_ratios=heights)
-    for dimension, ax in enumerate(over_time):
+    for dimension, ax in enumerate(over_time[:dimensions]):
         _draw_dimension(ax, episode, dimension)
+    for goal_dimension, ax in zip(episode.goal_only, over_time[dimensions:], strict=True):
+        _draw_goal_only(ax, goal_dimension)
     _draw_outcomes(outcomes, episode)
     figure.suptitle(_title(episode), fontweight="bold")
     figure.legend(
@@ -74,9 +78,10 @@ def draw_plane(ax: Axes, episode: Episode, title: str, plane: tuple[int, int]) -
     ax.plot(*path[-1], "o", color=_PATH_COLOUR, markersize=7, zorder=7)
     _draw_goal(ax, episode, plane)
     ax.set_aspect("equal", adjustable="datalim")
-    units = episode.subgoal_space.units
-    ax.set_xlabel(f"{episode.subgoal_space.names[plane[0]]} ({units[plane[0]]})")
-    ax.set_ylabel(f"{episode.subgoal_space.names[plane[1]]} ({units[plane[1]]})")
+    space = episode.subgoal_space
+    across, up = (labelled(space.names[d], space.units[d]) for d in plane)
+    ax.set_xlabel(across)
+    ax.set_ylabel(up)
     ax.set_title(title, fontsize="medium")
     _tidy(ax)
 
@@ -117,11 +122,11 @@ def _marker(subgoal: Subgoal) -> dict:
 
 def _draw_dimension(ax: Axes, episode: Episode, dimension: int) -> None:
     """The agent's value over time, the goal's band, and each subgoal for as long as it stood."""
+    space = episode.subgoal_space
+    _label(ax, space.names[dimension], space.units[dimension])
     goal = episode.goal_in(dimension)
     if goal is not None:
-        ax.axhspan(
-            goal[0] - goal[1], goal[0] + goal[1], color=_GOAL_COLOUR, alpha=0.35, linewidth=0
-        )
+        _draw_band(ax, goal)
     reach = episode.subgoal_space.threshold[dimension]
     for subgoal in sorted(episode.subgoals, key=lambda s: -s.level):
         colour = LOOKS[subgoal.level % len(LOOKS)].colour
@@ -138,12 +143,29 @@ def _draw_dimension(ax: Axes, episode: Episode, dimension: int) -> None:
         )
         ax.add_patch(box)
     ax.plot(episode.path[:, dimension], color=_PATH_COLOUR, linewidth=1.4, zorder=5)
-    ax.set_ylabel(
-        f"{episode.subgoal_space.names[dimension].replace('_', ' ')}\n"
-        f"({episode.subgoal_space.units[dimension]})",
-        fontsize="small",
-    )
     _tidy(ax)
+
+
+def _draw_goal_only(ax: Axes, dimension: GoalDimension) -> None:
+    """The agent's value over time, and the goal's band."""
+    _label(ax, dimension.name, dimension.unit)
+    _draw_band(ax, dimension.goal)
+    said = "only the end goal asks for it"
+    if dimension.path is None:
+        said += "; where the agent was is not recorded"
+    else:
+        ax.plot(dimension.path, color=_PATH_COLOUR, linewidth=1.4, zorder=5)
+    ax.set_title(said, fontsize="x-small", color=_GREY, loc="right", pad=2)
+    _tidy(ax)
+
+
+def _label(ax: Axes, name: str, unit: str) -> None:
+    ax.set_ylabel(f"{name.replace('_', ' ')}\n({unit})", fontsize="small")
+
+
+def _draw_band(ax: Axes, goal: tuple[float, float]) -> None:
+    """A goal, as far as its threshold to either side."""
+    ax.axhspan(goal[0] - goal[1], goal[0] + goal[1], color=_GOAL_COLOUR, alpha=0.35, linewidth=0)
 
 
 def _draw_outcomes(ax: Axes, episode: Episode) -> None:

@@ -1,17 +1,19 @@
 """Maps of goal spaces: where subgoals are put over training, and what critics expect there."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
-from matplotlib.colors import LinearSegmentedColormap, LogNorm
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import Colormap, LinearSegmentedColormap, LogNorm, to_rgb
 from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator, NullLocator, StrMethodFormatter
 
 from analysis.figures.diagnostics import LOOKS
 from analysis.reading import paper
-from analysis.reading.episodes import some_planes
+from analysis.reading.episodes import labelled, some_planes
 from analysis.reading.subgoals import places, points_named
 
 _GOAL: dict[str, Any] = {
@@ -39,34 +41,48 @@ class _Panel(NamedTuple):
     level: int
     stage: int  # training episodes
     title: str  # of the plane
-    plane: tuple[int, int]
+    plane: tuple[str, str]  # names of its dimensions
 
 
-def draw_subgoal_maps(table: pd.DataFrame) -> Figure:
+class _Cells(NamedTuple):
+    """Subgoals counted in the cells of a panel's plane."""
+
+    counts: np.ndarray  # [cells across, cells up]
+    edges: Sequence[np.ndarray]  # of the cells, across and up
+
+
+def draw_subgoal_maps(table: pd.DataFrame, units: Mapping[str, str]) -> Figure:
     """Rows for each agent's levels, a column for each stage of training; of one stage, each plane.
 
-    Darker where more subgoals were put; yellow dots are the episodes' end goals. A panel's title
-    says how many of its subgoals were achieved.
+    The more subgoals were put into a cell, the darker it is in the colour of their level, on a
+    scale beside each row; yellow dots are the episodes' end goals. A panel's title says how many
+    of its subgoals were achieved.
+
+    Args:
+      units: of dimensions, by name, as far as they are known.
     """
-    names = points_named(table, "subgoal")
-    rows = _panels(table, names)
-    size = (_SIDE * len(rows[0]) + 1.2, _SIDE * len(rows) + 0.9)
+    rows = _panels(table, points_named(table, "subgoal"))
+    size = (_SIDE * len(rows[0]) + 1.9, _SIDE * len(rows) + 0.9)
     figure = Figure(figsize=(max(size[0], 7.5), size[1]), layout="constrained")
     axes = figure.subplots(len(rows), len(rows[0]), squeeze=False)
     for panels, row in zip(rows, axes, strict=True):
+        _draw_row(figure, row, table, panels)
         for panel, ax in zip(panels, row, strict=True):
-            _draw_map(ax, table, names, panel)
+            across, up = (labelled(name, units.get(name)) for name in panel.plane)
+            ax.set_xlabel(across, fontsize="small")
+            ax.set_ylabel(up, fontsize="small")
         who = f"{paper.agent_name(panels[0].layers)}\nlevel {panels[0].level}'s subgoals"
         row[0].set_ylabel(f"{who}\n{row[0].get_ylabel()}", fontsize="small")
+    goals = " (yellow: end goals)" if any(ax.collections[1:] for ax in axes.flat) else ""
     task = paper.title(table["task"].iloc[0])
-    figure.suptitle(f"{task}: where subgoals are put (yellow: end goals)", fontweight="bold")
+    figure.suptitle(f"{task}: where subgoals are put{goals}", fontweight="bold")
     return figure
 
 
 def _panels(table: pd.DataFrame, names: Sequence[str]) -> list[list[_Panel]]:
     pairs = table[["subgoal_layers", "level"]].drop_duplicates().to_numpy().tolist()
     stages = [int(stage) for stage in sorted(table["train_episodes"].unique())]
-    planes = some_planes(names)
+    planes = [(title, (names[a], names[b])) for title, (a, b) in some_planes(names)]
     if len(stages) == 1:
         return [[_Panel(k, n, stages[0], *plane) for plane in planes] for k, n in sorted(pairs)]
     return [
@@ -82,44 +98,60 @@ def _stage(train_episodes: int) -> str:
     return f"after {train_episodes} episodes" if train_episodes else "untrained"
 
 
-def _plain(name: str) -> str:
-    return name.replace("_", " ")
+def _draw_row(
+    figure: Figure, row: Sequence[Axes], table: pd.DataFrame, panels: Sequence[_Panel]
+) -> None:
+    """A level's panels, and the scale that they share."""
+    first = panels[0]
+    own = table[(table["subgoal_layers"] == first.layers) & (table["level"] == first.level)]
+    cells = [_count(own, panel) for panel in panels]
+    scale = LogNorm(1, max(2, *(each.counts.max() for each in cells)))
+    colours = _tints(LOOKS[first.level % len(LOOKS)].colour)
+    for ax, panel, each in zip(row, panels, cells, strict=True):
+        filled = np.ma.masked_equal(each.counts.T, 0)
+        ax.pcolormesh(*each.edges, filled, cmap=colours, norm=scale, rasterized=True)
+        ax.set(xlim=each.edges[0][[0, -1]], ylim=each.edges[1][[0, -1]])
+        _annotate(ax, own[own["train_episodes"] == panel.stage], panel)
+    bar = figure.colorbar(
+        ScalarMappable(scale, colours),
+        ax=list(row),
+        ticks=LogLocator(subs=(1, 2, 5)),
+        format=StrMethodFormatter("{x:.0f}"),
+    )
+    bar.set_label("subgoals per cell (log)", fontsize="small")
+    bar.ax.yaxis.set_minor_locator(NullLocator())
+    bar.ax.tick_params(labelsize="x-small")
 
 
-def _limits(
-    table: pd.DataFrame, names: Sequence[str], plane: tuple[int, int]
-) -> list[tuple[float, float]]:
-    """What all panels of a row show of both dimensions."""
-    points = places(table, "subgoal", tuple(names[d] for d in plane))
+def _tints(colour: str) -> Colormap:
+    """From a light tint of a colour, past itself, to a dark shade of it."""
+    own = np.array(to_rgb(colour))
+    return LinearSegmentedColormap.from_list("level", [0.2 * own + 0.8, own, 0.2 * own])
+
+
+def _count(own: pd.DataFrame, panel: _Panel) -> _Cells:
+    """A level's subgoals at a stage, in cells that are the same at all its stages."""
+    points = places(own, "subgoal", panel.plane)
     low, high = points.min(0), points.max(0)
     room = 0.05 * np.maximum(high - low, 1e-6)
-    return list(zip((low - room).tolist(), (high + room).tolist(), strict=True))
+    limits = np.stack([low - room, high + room], axis=1).tolist()
+    shown = points[own["train_episodes"] == panel.stage]
+    across, up = shown.T
+    counts, *edges = np.histogram2d(across, up, bins=_BINS, range=limits)
+    return _Cells(counts, edges)
 
 
-def _draw_map(ax: Axes, table: pd.DataFrame, names: Sequence[str], panel: _Panel) -> None:
-    own = table[(table["subgoal_layers"] == panel.layers) & (table["level"] == panel.level)]
-    shown = own[own["train_episodes"] == panel.stage]
-    across, up = (names[dimension] for dimension in panel.plane)
-    limits = _limits(own, names, panel.plane)
-    colour = LOOKS[panel.level % len(LOOKS)].colour
-    colours = LinearSegmentedColormap.from_list("level", ["#e4dcec", colour, "#140a1e"])
+def _annotate(ax: Axes, shown: pd.DataFrame, panel: _Panel) -> None:
+    """What a panel has beside its cells: a title, and the end goals of these subgoals."""
     said = _stage(panel.stage)
     if len(shown):
-        x, y = places(shown, "subgoal", (across, up)).T
-        counts, *edges = np.histogram2d(x, y, bins=_BINS, range=limits)
-        filled = np.ma.masked_equal(counts.T, 0)
-        scale = LogNorm(1, max(counts.max(), 2))
-        ax.pcolormesh(*edges, filled, cmap=colours, norm=scale, rasterized=True)
         achieved = (shown["outcome"] == "achieved").mean()
         said += f", {panel.title}\n{len(shown)} subgoals, {achieved:.0%} achieved"
-    if {f"goal_{across}", f"goal_{up}"} <= set(shown):
-        ax.scatter(*np.unique(places(shown, "goal", (across, up)), axis=0).T, **_GOAL)
     ax.set_title(said, fontsize="small")
-    ax.set_xlim(*limits[0])
-    ax.set_ylim(*limits[1])
-    ax.set_xlabel(_plain(across), fontsize="small")
-    ax.set_ylabel(_plain(up), fontsize="small")
     ax.tick_params(labelsize="x-small")
+    if {f"goal_{name}" for name in panel.plane} <= set(shown):
+        ends = np.unique(places(shown, "goal", panel.plane), axis=0)
+        ax.scatter(*ends.T, **_GOAL)
 
 
 def draw_values(agents: Sequence[dict[str, Any]], task: str) -> Figure:
@@ -155,10 +187,7 @@ def _draw_value(ax: Axes, level: dict[str, Any]) -> None:
     ax.scatter(*level["here"], **_HERE, label="where it is")
     if level["goal"] is not None:
         ax.scatter(*level["goal"], **{**_GOAL, "s": 90, "zorder": 5}, label="its end goal")
-    across, up = (
-        f"{_plain(name)} ({unit})"
-        for name, unit in zip(level["names"], level["units"], strict=True)
-    )
+    across, up = map(labelled, level["names"], level["units"])
     ax.set_xlabel(across, fontsize="small")
     ax.set_ylabel(up, fontsize="small")
     ax.tick_params(labelsize="x-small")

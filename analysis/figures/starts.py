@@ -1,6 +1,6 @@
 """Which test episodes fail: their starts and goals, and a gallery of some of them."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from analysis.figures.anatomy import draw_plane
 from analysis.reading import paper
-from analysis.reading.episodes import Episode, some_planes
+from analysis.reading.episodes import Episode, labelled, some_planes
 from analysis.reading.subgoals import places, points_named
 
 _REACHED: dict[str, Any] = {
@@ -30,8 +30,12 @@ _FAILED: dict[str, Any] = {
 _COLUMNS = 4  # failures that are shown
 
 
-def draw_starts(table: pd.DataFrame) -> Figure:
-    """A row for each agent: where episodes began, and where their goals were, by how they ended."""
+def draw_starts(table: pd.DataFrame, units: Mapping[str, str]) -> Figure:
+    """A row for each agent: where episodes began, and where their goals were, by how they ended.
+
+    Args:
+      units: of dimensions, by name, as far as they are known.
+    """
     panels = [
         (kind, names, *plane)
         for kind in ("start", "goal")
@@ -46,7 +50,10 @@ def draw_starts(table: pd.DataFrame) -> Figure:
     for row, layers in zip(grid, agents, strict=True):
         own = table[table["subgoal_layers"] == layers]
         for ax, (kind, names, title, plane) in zip(row, panels, strict=False):
-            _draw_ends(ax, own, kind, tuple(names[d] for d in plane))
+            across, up = (names[d] for d in plane)
+            _draw_ends(ax, own, kind, (across, up))
+            ax.set_xlabel(labelled(across, units.get(across)), fontsize="small")
+            ax.set_ylabel(labelled(up, units.get(up)), fontsize="small")
             ax.set_title(f"{kind}: {title}", fontsize="small")
         row[0].set_ylabel(f"{_failures(own, layers)}\n{row[0].get_ylabel()}", fontsize="small")
     figure.suptitle(
@@ -60,16 +67,14 @@ def draw_starts(table: pd.DataFrame) -> Figure:
 
 def _failures(table: pd.DataFrame, layers: int) -> str:
     failed, seeds = int((table["success"] == 0).sum()), table["seed"].nunique()
-    of = f"{len(table)} tests, {seeds} seed{'' if seeds == 1 else 's'}"
-    return f"{paper.agent_name(layers)}\n{failed} of {of} fail"
+    of = f"{seeds} seed{'' if seeds == 1 else 's'}"
+    return f"{paper.agent_name(layers)}\n{failed} of {len(table)} tests of {of} fail"
 
 
 def _draw_ends(ax: Axes, table: pd.DataFrame, kind: str, names: tuple[str, ...]) -> None:
     points, success = places(table, kind, names), table["success"].to_numpy(bool)
     ax.scatter(*points[success].T, **_REACHED, label="goal reached")
     ax.scatter(*points[~success].T, **_FAILED, label="goal not reached")
-    ax.set_xlabel(names[0].replace("_", " "), fontsize="small")
-    ax.set_ylabel(names[1].replace("_", " "), fontsize="small")
     ax.set_aspect("equal", adjustable="datalim")
     ax.grid(alpha=0.25, linewidth=0.6)
     ax.tick_params(labelsize="x-small")
@@ -106,13 +111,16 @@ def draw_failures(episodes: Sequence[Episode]) -> Figure:
 
 def _nearest(episode: Episode) -> str:
     """How near the episode came to its goal, in thresholds of the worst dimension."""
-    wanted = {d: episode.goal_in(d) for d in range(len(episode.subgoal_space.names))}
+    wanted = [(episode.goal_in(d), path) for d, path in enumerate(episode.path.T)]
+    wanted += [(dimension.goal, dimension.path) for dimension in episode.goal_only]
     away = [
-        np.abs(episode.path[:, dimension] - goal[0]) / goal[1]
-        for dimension, goal in wanted.items()
-        if goal is not None and goal[1] > 0
+        np.abs(path - goal[0]) / goal[1]
+        for goal, path in wanted
+        if goal is not None and goal[1] > 0 and path is not None
     ]
     if not away:
         return "the goal is not in the plane"
     nearest = float(np.max(away, axis=0).min())
-    return f"nearest: {nearest:.1f} thresholds from the goal"
+    unknown = [dimension.name for dimension in episode.goal_only if dimension.path is None]
+    but = f" ({', '.join(unknown)} not recorded)".replace("_", " ") if unknown else ""
+    return f"nearest: {nearest:.1f} thresholds from the goal{but}"

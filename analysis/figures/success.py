@@ -35,6 +35,11 @@ LOOKS = (
     Look("#6b3fa0", "D", ":"),  # agents deeper than the paper's
     Look("#3a7d44", "v", (0, (5, 1, 1, 1, 1, 1))),
 )
+FLAT_LOOKS = (
+    Look("#3f8fe0", "x", ":", width=0.8, band=False),
+    Look("#7fa8dd", "", "-", width=0.6, band=False),
+)
+"""Other agents without subgoal layers, beside those: thin, and without a band."""
 
 
 def look(subgoal_layers: int) -> Look:

@@ -1,10 +1,11 @@
 """Reads anatomy.json: one recorded episode of each of a task's agents, with all its subgoals."""
 
+import itertools
 import json
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -35,6 +36,15 @@ class Subgoal:
     point: np.ndarray  # [H]
 
 
+class GoalDimension(NamedTuple):
+    """A dimension of the end goal that subgoals do not have."""
+
+    name: str
+    unit: str
+    goal: tuple[float, float]  # and its threshold
+    path: np.ndarray | None  # [steps + 1]; None: an earlier version did not record it
+
+
 @dataclass(frozen=True)
 class Episode:
     """One recorded test episode of an agent."""
@@ -48,6 +58,7 @@ class Episode:
     subgoals: tuple[Subgoal, ...]
     subgoal_space: Space
     goal_space: Space
+    goal_path: np.ndarray | None  # [steps + 1, dimensions that only the end goal has]
 
     @property
     def steps(self) -> int:
@@ -65,6 +76,17 @@ class Episode:
             return None
         index = self.goal_space.names.index(name)
         return float(self.goal[index]), self.goal_space.threshold[index]
+
+    @property
+    def goal_only(self) -> list[GoalDimension]:
+        """What the end goal asks for beyond what subgoals can."""
+        space, found = self.goal_space, list[GoalDimension]()
+        for index, (name, unit) in enumerate(zip(space.names, space.units, strict=True)):
+            if name not in self.subgoal_space.names:
+                path = None if self.goal_path is None else self.goal_path[:, len(found)]
+                goal = float(self.goal[index]), space.threshold[index]
+                found.append(GoalDimension(name, unit, goal, path))
+        return found
 
 
 def load_episodes(folder: Path, task: str, file: str = names.ANATOMY) -> list[Episode]:
@@ -100,10 +122,34 @@ def _episode(task: str, spaces: dict[str, Space], item: dict[str, Any]) -> Episo
     path = np.array(item["path"], dtype=float)
     if path.ndim != 2 or path.shape[1] != len(spaces["subgoal_space"].names):
         raise ValueError("the path is not one of points of the subgoal space")
+    goal_path = np.array(item["goal_path"], dtype=float) if "goal_path" in item else None
+    shared = set(spaces["goal_space"].names) & set(spaces["subgoal_space"].names)
+    goal_only = len(spaces["goal_space"].names) - len(shared)
+    if goal_path is not None and goal_path.shape != (len(path), goal_only):
+        raise ValueError("the goal's path does not go with the path")
     return Episode(
         task, item["subgoal_layers"], item["seed"], item["success"], np.array(item["goal"]),
-        path, subgoals, **spaces,
+        path, subgoals, **spaces, goal_path=goal_path,
     )  # fmt: skip
+
+
+def load_units(folder: Path) -> dict[str, str]:
+    """Units of the goal spaces' dimensions by name, from a record of episodes; {} without one."""
+    for file in (names.FAILED_EPISODES, names.ANATOMY):
+        try:
+            record = json.loads((Path(folder) / file).read_text(encoding="utf-8"))
+            spaces = record["goal_space"], record["subgoal_space"]
+            pairs = [zip(space["names"], space["units"], strict=True) for space in spaces]
+            return dict(itertools.chain(*pairs))
+        except (OSError, KeyError, TypeError, ValueError):
+            continue  # not recorded, or damaged: figures do without units
+    return {}
+
+
+def labelled(name: str, unit: str | None) -> str:
+    """A dimension as an axis names it: "tip x (m)"."""
+    plain = name.replace("_", " ")
+    return f"{plain} ({unit})" if unit else plain
 
 
 def planes(names: Sequence[str]) -> Iterator[tuple[str, tuple[int, int]]]:

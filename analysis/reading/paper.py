@@ -20,7 +20,7 @@ ABOUT = {
     "marker, with the cart below.",
     "pick_place": "A robot worm is to pick the blue rod up and to bring it to the yellow one.",
 }
-"""What is to be done in each task, in a sentence."""
+"""What is to be done in each task: the title of its spec, which the analysis may not import."""
 
 STEPS_TO_GOAL = {
     "pendulum_climb": 100,
@@ -34,7 +34,7 @@ STEPS_TO_GOAL = {
 
 def title(task: str) -> str:
     """The task's name as in Figure 5; a task the paper lacks is named after itself."""
-    return TITLES.get(task, task.replace("_", " ").capitalize())
+    return TITLES.get(task, task[:1].upper() + task[1:].replace("_", " "))
 
 
 def in_order(table: pd.DataFrame) -> pd.DataFrame:

@@ -6,12 +6,13 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import NamedTuple
 
+import pandas as pd
 from matplotlib.figure import Figure
 
 from analysis.figures.maps import draw_subgoal_maps, draw_values
 from analysis.figures.starts import draw_failures, draw_starts
 from analysis.reading import names, paper
-from analysis.reading.episodes import load_episodes
+from analysis.reading.episodes import load_episodes, load_units
 from analysis.reading.subgoals import load_recorded, load_values
 
 
@@ -22,6 +23,7 @@ class Explanation(NamedTuple):
     figure: Figure
     description: str
     caption: str
+    of_failures: bool = False  # whether it says which tests fail
 
 
 def explanations(folder: Path, task: str) -> Iterator[Explanation]:
@@ -46,10 +48,11 @@ def _starts(folder: Path, task: str) -> Iterator[Explanation]:
     del task
     yield Explanation(
         "starts",
-        draw_starts(load_recorded(folder, names.STARTS)),
+        draw_starts(load_recorded(folder, names.STARTS), load_units(folder)),
         "starts and goals of test episodes, by whether the goal was reached",
         "Which tests fail. A dot is a test episode whose goal was reached, a cross one that "
         "failed. Crosses that lie together are a part of the task that is not learnt.",
+        of_failures=True,
     )
 
 
@@ -64,6 +67,7 @@ def _gallery(folder: Path, task: str) -> Iterator[Explanation]:
             f"paths of test episodes of the agent with {agent} that failed",
             f"Failures of the agent with {agent}: its path, the end goal in yellow, and subgoals, "
             "filled where they were achieved.",
+            of_failures=True,
         )
 
 
@@ -74,14 +78,34 @@ def _maps(folder: Path, task: str) -> Iterator[Explanation]:
         table = load_recorded(folder, names.SUBGOALS)
     if table["level"].empty:
         return
+    whose = _whose(table)
     yield Explanation(
         "subgoal_maps",
-        draw_subgoal_maps(table),
-        "density of the subgoals that each level puts, at stages of training",
-        "Where each level puts its subgoals: darker where it puts more. Yellow dots are end goals. "
-        "From left to right as training goes on, where the policies of several test periods were "
-        "kept.",
+        draw_subgoal_maps(table, load_units(folder)),
+        f"density of the subgoals of {whose}",
+        f"Where the subgoals of {whose} are in test episodes{_stages(table)}. The darker a cell, "
+        "the more subgoals: the scale beside it is logarithmic.",
     )
+
+
+def _whose(table: pd.DataFrame) -> str:
+    """Which levels there are subgoals of."""
+    said = []
+    for layers, own in table.groupby("subgoal_layers")["level"].unique().items():
+        whole = len(own) == layers > 1
+        levels = ["each level"] if whole else [f"level {level}" for level in sorted(own)]
+        said += [f"{each} of the agent with {paper.agent_name(int(layers))}" for each in levels]
+    return " and ".join(said)
+
+
+def _stages(table: pd.DataFrame) -> str:
+    """Which policies the subgoals are of."""
+    stages = sorted(table["train_episodes"].unique())
+    if stages[-1] < 0:
+        return " of the trained policies"
+    if len(stages) == 1:
+        return f" after {stages[0]} training episodes"
+    return ", from left to right as training goes on"
 
 
 def _values(folder: Path, task: str) -> Iterator[Explanation]:

@@ -30,12 +30,21 @@ def _agent_of(stem: str) -> str:
     return f"the agent with {paper.agent_name(int(found[1]))}" if found else stem
 
 
+_WIDE = 7.0  # inches: wider pictures cannot be read in the width of a phone
+
+
 class Picture(NamedTuple):
     """A picture, in words for those who do not see it, and what it shows."""
 
     source: str
     description: str
     caption: str
+    inches: float  # wide
+
+    @property
+    def wide(self) -> bool:
+        """Whether it keeps its size on a phone, and moves sideways there."""
+        return self.inches > _WIDE
 
     @classmethod
     def of(cls, figure: Figure, description: str, caption: str, dpi: int) -> "Picture":
@@ -43,7 +52,8 @@ class Picture(NamedTuple):
         png = io.BytesIO()
         figure.savefig(png, format="png", dpi=dpi)
         data = base64.b64encode(png.getvalue()).decode()
-        return cls(f"data:image/png;base64,{data}", description, caption)
+        inches = round(figure.get_figwidth(), 1)
+        return cls(f"data:image/png;base64,{data}", description, caption, inches)
 
 
 def render(template: str, **values: Any) -> str:

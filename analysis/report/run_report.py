@@ -25,17 +25,19 @@ from analysis.report.page import Picture, render
 from analysis.statistics.seeds import FEW_SEEDS, final_success, success_per_period, with_cost
 from analysis.verdicts import hierarchy
 
+_MANY_PANELS = 120  # dots per inch of pictures that have so many that the page would get large
 _FILES = (names.FIGURE, names.FIGURE_NUMBERS, names.RESULTS, names.MANIFEST, names.SUBGOALS)
 _HEADINGS = {
     "learning": "How it learns",
     "success": "Success at the last test period",
     "verdict": "Does hierarchy help here?",
     "watch": "Watch it",
-    "levels": "What the levels do",
-    "why": "What was learnt, and which tests fail",
+    "levels": "What the levels do in training",
+    "why": "What was learnt",
     "reproduce": "How to reproduce",
 }
-_EXPLAINED = (
+_FAILURES = ", and which tests fail"  # added to a heading
+_QUANTITIES = (
     (
         "subgoals missed",
         "The share of the subgoals that a level proposed in training and that the level below did "
@@ -71,24 +73,28 @@ def write_report(run_dir: Path) -> Path:
     task = results["task"].iloc[0]
     name = paper.title(task)
     verdict = _verdict(results)
+    explained = list(explanations(run_dir, task))
+    headings = dict(_HEADINGS)
+    if any(shown.of_failures for shown in explained):
+        headings["why"] += _FAILURES
     document = render(
         "run.html",
         title=f"{name} - hierarchical actor-critic",
         name=name,
         about=paper.ABOUT.get(task, ""),
         headline=_headline(results, verdict),
-        headings=_HEADINGS,
-        contents=_HEADINGS.items(),
+        headings=headings,
+        contents=headings.items(),
         **_pictures(results),
         final=_final(results, task),
         verdict=verdict,
         replays=_below(run_dir, names.REPLAYS, "*.html"),
         videos=_below(run_dir, names.VIDEOS, "*.mp4"),
         anatomies=_anatomies(run_dir, task),
-        explained=_EXPLAINED,
+        quantities=_QUANTITIES,
         explanations=[
-            Picture.of(shown.figure, shown.description, shown.caption, DOTS_PER_INCH // 2)
-            for shown in explanations(run_dir, task)
+            Picture.of(shown.figure, shown.description, shown.caption, _MANY_PANELS)
+            for shown in explained
         ],
         recording=recording_command(task, run_dir),
         commands=_recorded_commands(manifest) or [_command_for(results)],
@@ -113,7 +119,7 @@ def _headline(results: pd.DataFrame, verdict: Mapping[str, Any]) -> str:
         f"goals in tests{interval} (mean over {seeds})."
     )
     short = [f"with {agent} {says}" for agent, says in verdict["short"]]
-    return f"{said} Hierarchy against the flat agent: {', '.join(short)}." if short else said
+    return f"{said} Hierarchy against the flat agent: {'; '.join(short)}." if short else said
 
 
 def _pictures(results: pd.DataFrame) -> dict[str, Picture]:
@@ -144,7 +150,7 @@ def _pictures(results: pd.DataFrame) -> dict[str, Picture]:
         "diagnostics": Picture.of(
             draw_diagnostics(results),
             "missed subgoals and Q values per level and test period",
-            "Per test period, a column for each agent and a line for each level.",
+            "In training, before each test period: a column for each agent, a line for each level.",
             DOTS_PER_INCH,
         ),
     }
@@ -197,7 +203,7 @@ def _verdict(results: pd.DataFrame) -> dict[str, Any]:
         return {"sentences": [], "lacking": str(error), "short": []}
     return {
         "sentences": [verdict.sentence for verdict in verdicts],
-        "short": [(paper.agent_name(one.subgoal_layers), one.says) for one in verdicts],
+        "short": [(paper.agent_name(one.subgoal_layers), one.short) for one in verdicts],
         "heading": hierarchy.HEADINGS,
         "rows": hierarchy.rows(verdicts),
     }
@@ -220,7 +226,7 @@ def _anatomies(run_dir: Path, task: str) -> list[Picture]:
             f"one test episode of the agent with {paper.agent_name(episode.subgoal_layers)}",
             f"One test episode of the agent with {paper.agent_name(episode.subgoal_layers)}: its "
             "path, what its levels asked for over time, and what came of it.",
-            DOTS_PER_INCH // 2,
+            _MANY_PANELS,
         )
         for episode in sorted(episodes, key=lambda episode: episode.subgoal_layers)
     ]

@@ -124,9 +124,9 @@ def sentences(gains: Sequence[Evidence], budget: dict[str, int]) -> list[str]:
     for item, row in zip(gains, table.itertuples(), strict=True):
         pairs = f"{row.pairs} pair{'' if row.pairs == 1 else 's'} of seeds"
         said.append(
-            f"{row.motion} in {row.decisions} decisions: {_LAYERS[int(row.agents[0])]} gains "
-            f"{item.shown} of area over {row.episodes} episodes ({pairs}, p = {row.p_holm:.2g} "
-            f"after Holm): {row.verdict}."
+            f"{row.motion} in {row.decisions} decisions: {_LAYERS[int(row.agents[0])]}, "
+            f"{evidence.direction(item)}: {item.shown} of area over {row.episodes} episodes "
+            f"({pairs}, p = {row.p_holm:.2g} after Holm): {row.verdict}."
         )
     return said + [_answer(motion, own) for motion, own in table.groupby("motion", sort=False)]
 

@@ -77,6 +77,11 @@ class Claim:
     evidence: tuple[Evidence, ...] = field(default=())
 
 
+def direction(item: Evidence) -> str:
+    """What a difference is called, whether it is sure or not."""
+    return "a gain" if item.value > 0 else "a loss" if item.value < 0 else "no difference"
+
+
 def judge_gain(item: Evidence) -> Evidence:
     """Judges an improvement: there, too small to be one, or undecided."""
     if min(item.seeds) < LEAST_SEEDS:

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
@@ -17,17 +17,17 @@ from analysis.verdicts.speed_claims import Rival, rivals
 
 LATE_PERIODS = 3
 POWER = 0.8
-"""The chance that as many seeds as named would find a gain of the size that was seen."""
+"""The chance that as many seeds as named would find a difference as large as was seen."""
 EQUAL = {
     areas.STEPS: "equal environment steps",
     areas.SECONDS: "equal core-minutes",
     areas.EPISODES: "equal training episodes",
 }
 """What agents are given equal amounts of; the first decides."""
-HELPS, HURTS, SMALL, UNDECIDED = "it helps", "it costs", "no gain worth the name", "undecided"
+HELPS, HURTS, SMALL, UNDECIDED = "it helps", "it loses", "no gain worth the name", "undecided"
 
-_AREA = "gain in area under the success curve at {equal}"
-_FINAL = f"gain in success over the last {LATE_PERIODS} test periods"
+_AREA = "difference in area under the success curve at {equal}"
+_FINAL = f"difference in success over the last {LATE_PERIODS} test periods"
 _IMPROVEMENT = "probability of improvement in area at {equal}"
 
 
@@ -38,38 +38,65 @@ class Verdict:
     Attributes:
       subgoal_layers: of the agent that is judged.
       rival: what the flat agent is called that it was compared with.
-      says: `HELPS`, `HURTS`, `SMALL` or `UNDECIDED`.
-      deciding: the gain in area at equal environment steps, judged.
-      evidence: all that was measured, the deciding gain first.
+      deciding: the difference in area at equal environment steps, judged.
+      minutes: that at equal core-minutes, judged.
+      evidence: all that was measured, the deciding difference first.
       seeds_needed: of each agent, to decide what is undecided; None where that cannot be said.
+      least_seeds: fewer decide nothing, however large the difference.
     """
 
     subgoal_layers: int
     rival: str
-    says: str
     deciding: Evidence
+    minutes: Evidence
     evidence: tuple[Evidence, ...]
     seeds_needed: int | None
+    least_seeds: int
+
+    @property
+    def says(self) -> str:
+        """`HELPS`, `HURTS`, `SMALL` or `UNDECIDED`, at equal environment steps."""
+        return _says(self.deciding)
+
+    @property
+    def short(self) -> str:
+        """As in "it helps at equal environment steps, it loses at equal core-minutes"."""
+        steps, minutes = EQUAL[areas.STEPS], EQUAL[areas.SECONDS]
+        if self.says == _says(self.minutes):
+            return f"{self.says} at {steps} and at {minutes}"
+        return f"{self.says} at {steps}, {_says(self.minutes)} at {minutes}"
 
     @property
     def sentence(self) -> str:
-        """As in "1 subgoal layer: it helps. +31.2 [+25.0, +37.1] points of area ..."."""
-        name = paper.agent_name(self.subgoal_layers)
+        """As in "1 subgoal layer: it helps at equal environment steps (a gain: +31.2 ...); ..."."""
         pairs = self.deciding.seeds[0]
-        text = (
-            f"{name}: {self.says}. {self.deciding.shown} of area under the success curve against "
-            f"the flat agent{f' ({self.rival})' if self.rival else ''} at "
-            f"{next(iter(EQUAL.values()))}, {pairs} pair{'' if pairs == 1 else 's'} of seeds, "
-            f"p = {self.deciding.p_holm:.2g}."
+        compared = (
+            f"{_says(item)} at {EQUAL[against]} "
+            f"({evidence.direction(item)}: {item.shown}, p = {item.p_holm:.2g})"
+            for against, item in ((areas.STEPS, self.deciding), (areas.SECONDS, self.minutes))
         )
-        if self.says == UNDECIDED:
-            text += f" {self._what_it_takes()}"
-        return text
+        text = (
+            f"{paper.agent_name(self.subgoal_layers)}: {'; '.join(compared)}. Points of area under "
+            f"the success curve, against the flat agent{f' ({self.rival})' if self.rival else ''}, "
+            f"{pairs} pair{'' if pairs == 1 else 's'} of seeds."
+        )
+        return f"{text} {self._what_it_takes()}" if self.says == UNDECIDED else text
 
     def _what_it_takes(self) -> str:
         if self.seeds_needed is None:
-            return f"With {LEAST_SEEDS} seeds or more of each agent it can be judged."
-        return f"If the gain is what was seen, about {self.seeds_needed} seeds of each would tell."
+            return f"With {self.least_seeds} seeds or more of each agent it can be judged."
+        seen = evidence.direction(self.deciding).removeprefix("a ")
+        return (
+            f"If the {seen} at {EQUAL[areas.STEPS]} is what was seen, about {self.seeds_needed} "
+            "seeds of each would tell."
+        )
+
+
+def _says(item: Evidence) -> str:
+    """What a judged difference comes to."""
+    if item.verdict == NOT_SUPPORTED and item.high < 0 and item.p_holm < evidence.ALPHA:
+        return HURTS
+    return {SUPPORTED: HELPS, NOT_SUPPORTED: SMALL}.get(item.verdict, UNDECIDED)
 
 
 def judge(results: pd.DataFrame, flats: Mapping[str, pd.DataFrame]) -> list[Verdict]:
@@ -89,10 +116,14 @@ def judge(results: pd.DataFrame, flats: Mapping[str, pd.DataFrame]) -> list[Verd
     if layers[0] != 0 or len(layers) < 2:
         raise ValueError(_nothing(layers))
     own = [_measure(task, complete, deep, rival) for deep in layers[1:]]
-    judged = evidence.judge_gains([items[0] for items in own])
+    steps, minutes = (
+        evidence.judge_gains([_at_equal(items, against) for items in own])
+        for against in (areas.STEPS, areas.SECONDS)
+    )
+    judged = zip(steps, minutes, strict=True)
     return [
-        _verdict(deep, rival.name, first, items[1:], complete)
-        for deep, first, items in zip(layers[1:], judged, own, strict=True)
+        _verdict(deep, rival.name, both, items, complete, len(own))
+        for deep, both, items in zip(layers[1:], judged, own, strict=True)
     ]
 
 
@@ -126,7 +157,7 @@ def _measure(task: str, results: pd.DataFrame, deep: int, rival: Rival) -> list[
             raise ValueError(
                 f"no seed of {deep} and of 0 subgoal layers was trained: they are compared by seed"
             )
-        found.append(_gain(task, agents, _AREA.format(equal=equal), new - old))
+        found.append(_difference(task, agents, _AREA.format(equal=equal), new - old))
         if against == areas.STEPS:
             improvement = comparison.probability_of_improvement
             found.append(
@@ -137,7 +168,7 @@ def _measure(task: str, results: pd.DataFrame, deep: int, rival: Rival) -> list[
                 )
             )  # fmt: skip
     late = _late(results, deep) - _late(results, 0)
-    return [*found, _gain(task, agents, _FINAL, late.dropna().to_numpy())]
+    return [*found, _difference(task, agents, _FINAL, late.dropna().to_numpy())]
 
 
 def pairs(results: pd.DataFrame, deep: int, against: str) -> tuple[np.ndarray, np.ndarray]:
@@ -154,7 +185,7 @@ def pairs(results: pd.DataFrame, deep: int, against: str) -> tuple[np.ndarray, n
     return new[shared].to_numpy(), old[shared].to_numpy()
 
 
-def _gain(task: str, agents: str, quantity: str, gains: np.ndarray) -> Evidence:
+def _difference(task: str, agents: str, quantity: str, gains: np.ndarray) -> Evidence:
     value = comparison.contrast([gains], (1,))
     p = comparison.sign_flip_p(gains)
     return Evidence(task, agents, quantity, "points", (len(gains),), *value, p)
@@ -167,26 +198,46 @@ def _late(results: pd.DataFrame, layers: int) -> pd.Series:
     return late.groupby("seed")["success_rate"].mean()
 
 
+def _at_equal(found: Sequence[Evidence], against: str) -> Evidence:
+    """The difference in area at equal amounts of `against`."""
+    return next(item for item in found if item.quantity == _AREA.format(equal=EQUAL[against]))
+
+
 def _verdict(
-    deep: int, rival: str, first: Evidence, others: Sequence[Evidence], results: pd.DataFrame
+    deep: int,
+    rival: str,
+    judged: tuple[Evidence, Evidence],
+    found: Sequence[Evidence],
+    results: pd.DataFrame,
+    comparisons: int,
 ) -> Verdict:
-    says = {SUPPORTED: HELPS, NOT_SUPPORTED: SMALL}.get(first.verdict, UNDECIDED)
-    if first.verdict == NOT_SUPPORTED and first.high < 0 and first.p_holm < evidence.ALPHA:
-        says = HURTS
-    needed = seeds_needed(*pairs(results, deep, areas.STEPS)) if says == UNDECIDED else None
-    shown = tuple(replace(item, verdict="") for item in others)
-    return Verdict(deep, rival, says, first, (first, *shown), needed)
+    """`judged` are the differences in area at equal environment steps and core-minutes."""
+    undecided = _says(judged[0]) == UNDECIDED
+    seen = pairs(results, deep, areas.STEPS)
+    needed = seeds_needed(*seen, comparisons) if undecided else None
+    return Verdict(deep, rival, *judged, tuple(found), needed, least_seeds(comparisons))
 
 
-def seeds_needed(new: np.ndarray, old: np.ndarray) -> int | None:
-    """Pairs of seeds with which a gain of the size seen would be found with chance `POWER`.
+def least_seeds(comparisons: int) -> int:
+    """Pairs of seeds below which no difference is found, even if every pair shows it.
 
-    By the normal approximation of a paired test at `ALPHA`; None from fewer than 3 pairs, or where
-    no gain was seen.
+    n pairs have 2^n patterns of signs, so that the two-sided p is at least 2 / 2^n; Holm's
+    correction multiplies the least p by the number of comparisons.
+    """
+    patterns = 2 * comparisons / evidence.ALPHA
+    return max(math.floor(math.log2(patterns)) + 1, LEAST_SEEDS)
+
+
+def seeds_needed(new: np.ndarray, old: np.ndarray, comparisons: int = 1) -> int | None:
+    """Pairs of seeds with which a difference as seen would be found with chance `POWER`.
+
+    By the normal approximation of a paired test at `ALPHA` over the number of comparisons; None
+    from fewer than 3 pairs, or where no difference was seen.
     """
     gains = new - old
     if len(gains) < 3 or not gains.mean():
         return None
     spread = gains.std(ddof=1) / abs(gains.mean())
-    z = scipy.stats.norm.ppf(1 - evidence.ALPHA / 2) + scipy.stats.norm.ppf(POWER)
-    return max(math.ceil((z * spread) ** 2), len(gains) + 1, LEAST_SEEDS)
+    alpha = evidence.ALPHA / comparisons
+    z = scipy.stats.norm.ppf(1 - alpha / 2) + scipy.stats.norm.ppf(POWER)
+    return max(math.ceil((z * spread) ** 2), len(gains) + 1, least_seeds(comparisons))

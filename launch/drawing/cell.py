@@ -91,17 +91,15 @@ def write_outcome(picture: Image.Image, success: bool, steps: int, unit: float) 
     outcome = hac_suite.Outcome.ACHIEVED if success else hac_suite.Outcome.MISSED
     said = f"goal {'reached' if success else 'not reached'} in {steps} steps"
     draw = ImageDraw.Draw(picture)
-    size = 26 * unit
-    width = draw.textlength(said, font=ink.font(size))
-    size *= min(1, 0.66 * picture.width / (width + 2.6 * size))
-    letters = ink.font(size)
-    half = draw.textlength(said, font=letters) / 2 + 1.3 * size
+    size = 22 * unit
+    size *= min(1, 0.84 * picture.width / (ink.length(said, size) + 2.6 * size))
+    half = ink.length(said, size) / 2 + 1.3 * size
     x, y, tall = picture.width / 2, picture.height - 1.5 * size, 0.9 * size
     box = (x - half, y - tall, x + half, y + tall)
     draw.rounded_rectangle(
         box, tall, ink.colour(COLOURS[outcome]), ink.WHITE, max(1, round(size / 13))
     )
-    draw.text((x + 0.5 * size, y), said, font=letters, fill=ink.WHITE, anchor="mm")
+    ink.write(draw, said, (x + 0.5 * size, y), size, anchor="mm")
     sign = np.array([x - half + size, y])
     pen = ink.Ink(picture, sign[None], size)
     pen.sign(outcome, sign, 0.42 * size, ink.WHITE)

@@ -1,5 +1,6 @@
 """Smooth lines, areas, words and signs over a picture."""
 
+import functools
 from collections.abc import Sequence
 
 import numpy as np
@@ -13,6 +14,7 @@ PAPER: Colour = (24, 24, 28)
 WHITE: Colour = (255, 255, 255)
 QUIET: Colour = (176, 178, 188)
 _FINER = 2  # times: drawn so much larger, and reduced
+_FINER_LETTERS = 4  # else small letters stand on whole pixels, some too near and some too far
 SIGNS = {  # strokes in a square from -1 to 1, y downwards
     hac_suite.Outcome.ACHIEVED: [[(-0.8, 0.05), (-0.25, 0.6), (0.8, -0.6)]],
     hac_suite.Outcome.MISSED: [[(-0.6, -0.6), (0.6, 0.6)], [(-0.6, 0.6), (0.6, -0.6)]],
@@ -32,11 +34,37 @@ def lighter(of: Colour, share: float) -> Colour:
     return red, green, blue
 
 
+@functools.lru_cache
 def font(size: float) -> ImageFont.FreeTypeFont | ImageFont.ImageFont:
     return ImageFont.load_default(size=size)
 
 
+def length(text: str, size: float) -> float:
+    """Pixels from a text's left end to its right one."""
+    return font(size * _FINER_LETTERS).getlength(text) / _FINER_LETTERS
+
+
 def write(
+    draw: ImageDraw.ImageDraw,
+    text: str,
+    place: Sequence[float] | np.ndarray,
+    size: float,
+    fill: Colour = WHITE,
+    anchor: str = "lm",
+) -> None:
+    """A line of text; `anchor` says what of it is at the place, as Pillow's anchors do."""
+    letters = font(size * _FINER_LETTERS)
+    fine = np.array(place, float) * _FINER_LETTERS
+    box = np.reshape(letters.getbbox(text, anchor=anchor), (2, 2)) + fine
+    low = np.floor(box[0] / _FINER_LETTERS).astype(int)
+    wide, tall = (np.ceil(box[1] / _FINER_LETTERS).astype(int) - low).tolist()
+    mask = Image.new("L", (wide * _FINER_LETTERS, tall * _FINER_LETTERS))
+    start = (fine - low * _FINER_LETTERS).tolist()
+    ImageDraw.Draw(mask).text((start[0], start[1]), text, 255, letters, anchor)
+    draw.bitmap(low.tolist(), mask.reduce(_FINER_LETTERS), fill)
+
+
+def write_within(
     draw: ImageDraw.ImageDraw,
     text: str,
     place: tuple[float, float],
@@ -45,16 +73,17 @@ def write(
     fill: Colour = WHITE,
 ) -> None:
     """A line of text that begins at a place, its middle there; smaller where it is too long."""
-    size *= min(1.0, width / max(draw.textlength(text, font=font(size)), 1))
-    draw.text(place, text, font=font(size), fill=fill, anchor="lm")
+    while (long := length(text, size)) > width and size > 1:
+        size *= 0.995 * width / long  # a length is not quite in proportion to the size
+    write(draw, text, place, size, fill)
 
 
 def write_right(
     draw: ImageDraw.ImageDraw, text: str, right: float, middle: float, size: float
 ) -> float:
     """A line of quiet text that ends at `right`; returns where it begins."""
-    left = right - draw.textlength(text, font=font(size))
-    draw.text((left, middle), text, font=font(size), fill=QUIET, anchor="lm")
+    left = right - length(text, size)
+    write(draw, text, (left, middle), size, QUIET)
     return left
 
 
@@ -80,6 +109,21 @@ class Ink:
         thick = max(1, round(width * _FINER))
         self._draw.line(self._own(points), (*fill, round(255 * opacity)), thick, joint="curve")
 
+    def fading_line(
+        self, points: np.ndarray, fill: Colour, width: float, opacity: np.ndarray
+    ) -> None:
+        """A line through points [N, 2], each of its N - 1 parts with an opacity of its own.
+
+        Parts replace each other where they meet: a bend is no more opaque than what leads to it.
+        """
+        mask = Image.new("L", self._part.size)
+        draw, thick = ImageDraw.Draw(mask), max(1, round(width * _FINER))
+        own = self._own(points)
+        for start, end, seen in zip(own[:-1], own[1:], opacity, strict=True):
+            draw.circle(start, thick / 2, round(255 * seen))
+            draw.line([start, end], round(255 * seen), thick)
+        self._part.paste(fill, mask=mask)
+
     def area(self, corners: Sequence | np.ndarray, fill: Colour, opacity: float) -> None:
         """What is between corners [N, 2]."""
         if len(corners) > 2:
@@ -90,6 +134,20 @@ class Ink:
         size = radius * _FINER
         box = (x - size, y - size, x + size, y + size)
         self._draw.ellipse(box, (*fill, round(255 * opacity)))
+
+    def ring(
+        self,
+        centre: Sequence | np.ndarray,
+        radius: float,
+        width: float,
+        fill: Colour,
+        opacity: float = 1,
+    ) -> None:
+        """What lies in a disc, no further than `width` from its edge."""
+        ((x, y),) = self._own(centre)
+        size, thick = radius * _FINER, max(1, round(width * _FINER))
+        box = (x - size, y - size, x + size, y + size)
+        self._draw.ellipse(box, outline=(*fill, round(255 * opacity)), width=thick)
 
     def sign(
         self,
@@ -106,12 +164,11 @@ class Ink:
     def tag(self, text: str, centre: Sequence | np.ndarray, size: float, fill: Colour) -> None:
         """A word on a rounded patch of this colour."""
         ((x, y),) = self._own(centre)
-        letters = font(size * _FINER)
-        half = self._draw.textlength(text, font=letters) / 2 + 0.4 * size * _FINER
+        half = (length(text, size) / 2 + 0.4 * size) * _FINER
         tall = 0.72 * size * _FINER
         box = (x - half, y - tall, x + half, y + tall)
         self._draw.rounded_rectangle(box, tall, (*fill, 235))
-        self._draw.text((x, y), text, font=letters, fill=_readable_on(fill), anchor="mm")
+        write(self._draw, text, (x, y), size * _FINER, _readable_on(fill), "mm")
 
     def finish(self) -> None:
         """Puts the part back into the picture."""
@@ -121,4 +178,4 @@ class Ink:
 
 def _readable_on(fill: Colour) -> Colour:
     bright = 0.299 * fill[0] + 0.587 * fill[1] + 0.114 * fill[2]
-    return (20, 20, 20) if bright > 140 else WHITE
+    return (20, 20, 20) if bright > 125 else WHITE

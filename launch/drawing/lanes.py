@@ -16,6 +16,7 @@ from launch.pictures.subgoal_log import WORDS
 _OUTCOMES = {word: outcome for outcome, word in WORDS.items()}
 _LANE, _AXIS, _PADDING = 30, 26, 8  # heights, in units
 _LABEL, _COUNT = 190, 150  # widths beside the bars, in units
+_BADGE = 11  # radius of a number's patch, in units
 _GROOVE: ink.Colour = (44, 44, 51)
 _UNDECIDED = 0.25  # how much of a marker's colour a bar has that is not over yet
 
@@ -101,7 +102,7 @@ class Strip:
             box = (12 * unit, middle - 7 * unit, 26 * unit, middle + 7 * unit)
             draw.rounded_rectangle(box, 3 * unit, lane.colour)
             place = 34 * unit, middle
-            draw.text(place, lane.name, font=ink.font(17 * unit), fill=ink.WHITE, anchor="lm")
+            ink.write(draw, lane.name, place, 17 * unit)
         elif lane.bars:
             draw.rectangle((2 * unit, top, 2 * unit + 4, bottom), lane.colour)
 
@@ -112,8 +113,7 @@ class Strip:
             x = self._x(step)
             draw.line((x, y, x, y + 4 * unit), ink.QUIET, max(1, round(unit)))
             said = "step 0" if step == 0 else f"{step}"
-            draw.text((x, y + 5 * unit), said, font=ink.font(14 * unit), fill=ink.QUIET,
-                      anchor="ma")  # fmt: skip
+            ink.write(draw, said, (x, y + 5 * unit), 14 * unit, ink.QUIET, "ma")
 
     def at(self, moment: float, numbered: Sequence[float] | np.ndarray = ()) -> Image.Image:
         """The strip at a moment in steps; instead of a cursor, perhaps numbers at moments."""
@@ -123,6 +123,8 @@ class Strip:
             for bar in lane.bars:
                 if bar.step < moment or bar.step == 0:
                     self._draw_bar(draw, row, lane, bar, moment)
+                if bar.end_step <= moment:
+                    self._draw_outcome(draw, row, bar, numbered)
             if self._names:
                 self._draw_count(draw, row, lane, moment)
         for number, cursor in enumerate(numbered, start=1):
@@ -137,8 +139,8 @@ class Strip:
         draw.line((x, 2 * unit, x, bottom + 2 * unit), ink.WHITE, max(1, round(2 * unit)))
         if number:
             middle = x, (_PADDING + _LANE / 2) * unit
-            draw.circle(middle, 11 * unit, ink.WHITE)
-            draw.text(middle, number, font=ink.font(16 * unit), fill=ink.PAPER, anchor="mm")
+            draw.circle(middle, _BADGE * unit, ink.WHITE)
+            ink.write(draw, number, middle, 16 * unit, ink.PAPER, "mm")
 
     def _draw_bar(
         self, draw: ImageDraw.ImageDraw, row: int, lane: Lane, bar: Bar, moment: float
@@ -151,10 +153,23 @@ class Strip:
             draw.rectangle(box, _dim(lane.colour), lane.colour, max(1, round(self._unit)))
             return
         draw.rectangle(box, ink.colour(COLOURS[bar.outcome]))
-        size = 5.5 * self._unit
-        if right - left > 3.4 * size:
-            middle = (left + right) / 2, (top + bottom) / 2
-            _draw_sign(draw, bar.outcome, middle, size)
+
+    def _draw_outcome(
+        self,
+        draw: ImageDraw.ImageDraw,
+        row: int,
+        bar: Bar,
+        numbered: Sequence[float] | np.ndarray,
+    ) -> None:
+        """The sign of a bar that has room for it: in its middle, or beside a number there."""
+        left, right, size = self._x(bar.step), self._x(bar.end_step), 5.5 * self._unit
+        middle, clear = (left + right) / 2, 1.7 * size
+        beside = clear + (_BADGE * self._unit if row == 0 else 0)
+        for cursor in map(self._x, numbered):
+            if abs(middle - cursor) < beside:
+                middle = cursor + beside if middle >= cursor else cursor - beside
+        if left + clear < middle < right - clear:
+            _draw_sign(draw, bar.outcome, (middle, sum(self._rows(row)) / 2), size)
 
     def _draw_count(self, draw: ImageDraw.ImageDraw, row: int, lane: Lane, moment: float) -> None:
         ended = [bar for bar in lane.bars if bar.end_step <= moment]
@@ -162,9 +177,9 @@ class Strip:
             return
         made = sum(bar.outcome == hac_suite.Outcome.ACHIEVED for bar in ended)
         said = f"{made} of {len(ended)} achieved" if row else WORDS[ended[0].outcome]
-        middle = sum(self._rows(row)) / 2
-        place = self._right + 10 * self._unit, middle
-        draw.text(place, said, font=ink.font(15 * self._unit), fill=ink.QUIET, anchor="lm")
+        unit, away = self._unit, _BADGE + 5
+        place = self._right + away * unit, sum(self._rows(row)) / 2
+        ink.write_within(draw, said, place, 15 * unit, (_COUNT - away - 6) * unit, ink.QUIET)
 
     def _rows(self, row: int) -> tuple[float, float]:
         top = (_PADDING + row * _LANE) * self._unit
@@ -178,22 +193,18 @@ def draw_names(
     draw: ImageDraw.ImageDraw, lanes: Sequence[Lane], left: float, middle: float, unit: float
 ) -> None:
     """Whose the lanes are, top to bottom, in a line that begins at `left`."""
-    letters = ink.font(15 * unit)
     for lane in lanes:
         box = (left, middle - 7 * unit, left + 14 * unit, middle + 7 * unit)
         draw.rounded_rectangle(box, 3 * unit, lane.colour)
         left += 20 * unit
-        draw.text((left, middle), lane.name, font=letters, fill=ink.QUIET, anchor="lm")
-        left += draw.textlength(lane.name, font=letters) + 18 * unit
+        ink.write(draw, lane.name, (left, middle), 15 * unit, ink.QUIET)
+        left += ink.length(lane.name, 15 * unit) + 18 * unit
 
 
 def draw_key(draw: ImageDraw.ImageDraw, right: float, middle: float, unit: float) -> float:
     """What the bars' colours mean, in a line that ends at `right`; returns where it begins."""
-    letters = ink.font(15 * unit)
     for outcome in reversed(COLOURS):
-        right -= draw.textlength(WORDS[outcome], font=letters)
-        draw.text((right, middle), WORDS[outcome], font=letters, fill=ink.QUIET, anchor="lm")
-        right -= 24 * unit
+        right = ink.write_right(draw, WORDS[outcome], right, middle, 15 * unit) - 24 * unit
         box = (right, middle - 8 * unit, right + 16 * unit, middle + 8 * unit)
         draw.rectangle(box, ink.colour(COLOURS[outcome]))
         _draw_sign(draw, outcome, (right + 8 * unit, middle), 5 * unit)

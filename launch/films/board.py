@@ -42,9 +42,6 @@ def board(course: Course, width: int, camera: str | None) -> np.ndarray:
 
 def _number(picture: Image.Image, number: int, said: str, unit: float) -> None:
     draw = ImageDraw.Draw(picture)
-    letters = ink.font(18 * unit)
-    width = draw.textlength(f"{number}   {said}", font=letters)
-    draw.rectangle((0, 0, width + 16 * unit, 28 * unit), ink.PAPER)
-    draw.text(
-        (8 * unit, 14 * unit), f"{number}   {said}", font=letters, fill=ink.WHITE, anchor="lm"
-    )
+    text, size = f"{number}   {said}", 18 * unit
+    draw.rectangle((0, 0, ink.length(text, size) + 16 * unit, 28 * unit), ink.PAPER)
+    ink.write(draw, text, (8 * unit, 14 * unit), size)

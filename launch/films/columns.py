@@ -68,10 +68,10 @@ class Columns:
         task = course.policy.metadata["task"]
         about = paper.ABOUT.get(task, course.title)
         width = ink.write_right(draw, facts, self._blank.width - 8 * unit, 19 * unit, 15 * unit)
-        ink.write(draw, about, (8 * unit, 19 * unit), 19 * unit, width - 24 * unit)
+        ink.write_within(draw, about, (8 * unit, 19 * unit), 19 * unit, width - 24 * unit)
         for left, name in zip(self._lefts, names, strict=True):
             place = left + wide / 2, (_TITLE + _NAME / 2) * unit
-            draw.text(place, name, font=ink.font(19 * unit), fill=ink.WHITE, anchor="mm")
+            ink.write(draw, name, place, 19 * unit, anchor="mm")
         middle = self._blank.height - _KEY / 2 * unit
         lanes.draw_key(draw, self._blank.width - 8 * unit, middle, unit)
         lanes.draw_names(draw, rows, 8 * unit, middle, unit)

@@ -11,7 +11,7 @@ from launch.drawing.cell import Cell, view_of
 from launch.drawing.pacing import Pace
 from launch.pictures.course import Course
 
-UNITS = 720  # that a sheet is high
+_HIGH, _WIDE = 720, 960  # units that a sheet is high, and that it is wide at least
 TITLE = 62  # height, in units
 
 
@@ -27,7 +27,7 @@ class Sheet:
           CommandError: the task has no such camera.
         """
         self._pace, self._steps = pace, course.steps
-        unit = size[1] / UNITS
+        unit = min(size[1] / _HIGH, size[0] / _WIDE)  # a tall one has no more room for words
         rows = lanes.lanes_of(course)
         self._title = round(TITLE * unit)
         below = lanes.height(len(rows), unit)
@@ -60,7 +60,7 @@ def write_title(sheet: Image.Image, course: Course, unit: float, *facts: str) ->
     about = paper.ABOUT.get(metadata["task"], course.title)
     said = [paper.agent_name(layers), f"seed {metadata['seed']}", *filter(None, facts)]
     draw, left = ImageDraw.Draw(sheet), 14 * unit
-    ink.write(draw, about, (left, 19 * unit), 21 * unit, sheet.width - 2 * left)
+    ink.write_within(draw, about, (left, 19 * unit), 21 * unit, sheet.width - 2 * left)
     second = f"{paper.title(metadata['task'])}:  {',  '.join(said)}"
     key = lanes.draw_key(draw, sheet.width - left, 46 * unit, unit)
-    ink.write(draw, second, (left, 46 * unit), 17 * unit, key - 2 * left, ink.QUIET)
+    ink.write_within(draw, second, (left, 46 * unit), 17 * unit, key - 2 * left, ink.QUIET)

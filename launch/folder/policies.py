@@ -118,6 +118,13 @@ def of_task(task: str, run: Path | None, *, typed: bool) -> tuple[list[Found], P
     return found, where
 
 
+def lacking(where: Path, task: str | None = None) -> str:
+    """Why no policies were found there, or none of a task: "runs/pick_place does not exist"."""
+    if not where.exists():
+        return f"{where} does not exist"
+    return f"{where} holds no policies{f' of {task}' if task else ''}"
+
+
 def choose(
     found: Sequence[Found], where: Path, subgoal_layers: int, seed: int | None
 ) -> list[Found]:
@@ -130,9 +137,7 @@ def choose(
       CommandError: there is none, the message says what is.
     """
     if not found:
-        raise CommandError(
-            f"{where} holds no policies; train some with `python launch/run.py --task=TASK`"
-        )
+        raise CommandError(f"{lacking(where)}; train some with `python launch/run.py --task=TASK`")
     own = [
         policy
         for policy in found

@@ -25,6 +25,7 @@ _SPEEDS = (0.1, 0.25, 0.5, 1.0, 2.0)  # times real time
 _SECONDS_AFTER = 1.0  # of the recording: the player begins anew where it ends
 _DIGITS = 4  # of positions and quaternions in the file: a tenth of a millimetre
 _OVERLAY = Path(__file__).with_name("replay.html")
+_LIGHT, _AS_WANTED = "darkMode:false", "darkMode:matchMedia('(prefers-color-scheme: dark)').matches"
 _EMPTY = "#9aa0a6"  # the colour of a level whose subgoals have no marker
 
 
@@ -44,10 +45,12 @@ def _film(course: Course) -> str:
     try:
         drawn = scene.Scene(server, course.stage)
         drawn.draw(_rounded(course.poses[0]))
+        drawn.draw_here(course.trail[0].round(_DIGITS))
         recording = server.get_scene_serializer()
-        for poses in course.poses[1:]:
+        for poses, here in zip(course.poses[1:], course.trail[1:], strict=True):
             recording.insert_sleep(course.control_timestep)
             drawn.draw(_rounded(poses))
+            drawn.draw_here(here.round(_DIGITS))
         recording.insert_sleep(_SECONDS_AFTER)
         return recording.as_html()
     finally:
@@ -63,10 +66,13 @@ def _rounded(poses: Poses) -> Poses:
 
 
 def page(film: str, over: dict[str, Any]) -> str:
-    """viser's page with the overlay in it, fed with what `overlay` says."""
+    """viser's page with the overlay in it, fed with what `overlay` says.
+
+    It is light or dark, as the person wants pages to be; viser's own is told once and for all.
+    """
     data = json.dumps(over, ensure_ascii=False).replace("</", "<\\/")
     added = _OVERLAY.read_text(encoding="utf-8").replace("/*DATA*/null", data)
-    before, head, after = film.partition("<head>")
+    before, head, after = film.replace(_LIGHT, _AS_WANTED).partition("<head>")
     return f"{before}{head}{added}{after}"
 
 
@@ -94,6 +100,7 @@ def overlay(course: Course) -> dict[str, Any]:
         "steps": course.steps,
         "timestep": course.control_timestep,
         "goal": stage.colour(stage.goal) or _EMPTY,
+        "here": f"rgb{scene.HERE}" if course.trail.shape[1] else None,
         "lanes": lanes,
         "outcomes": {
             word: {"colour": COLOURS[outcome], "sign": SIGNS[outcome]}

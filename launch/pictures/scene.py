@@ -22,6 +22,10 @@ _DARKER = 0.85  # times its colour, so that yellow shows before white
 _OUTSIDE = 1.01  # times their size, so that edges are not half hidden in what they belong to
 _AMBIENT, _BRIGHT, _DIM = 1.6, 1.7, 0.5
 _KEY_LIGHT, _FILL_LIGHT = (1.5, -2.5, 4.0), (-2.0, -2.0, 3.0)
+HERE = (232, 89, 12)
+"""The colour of where the agent is: no marker has it, and it shows on white and on black."""
+_DOT = 0.03  # metres, the radius
+_DROP_WIDTH = 1.5  # pixels
 _FLOOR_SIZE = 8.0  # metres
 _FLOOR_COLOUR, _CELL_COLOUR, _LINE_COLOUR = (206, 212, 218), (180, 188, 197), (150, 160, 172)
 _CELL = 0.25  # metres
@@ -79,6 +83,7 @@ class Scene:
     def __init__(self, server: Any, stage: Stage):
         """Draws all that does not change; nothing moves until `draw`."""
         self._scene = server.scene
+        self._floor, self._dots = stage.floor, list[Any]()
         self._markers = {*stage.goal, *(body for bodies in stage.subgoals for body in bodies)}
         server.scene.set_up_direction("+z")
         server.scene.world_axes.visible = False
@@ -117,6 +122,23 @@ class Scene:
             np.where(poses.seen[:, None], poses.quaternion, self._drawn.quaternion),
             poses.seen.copy(),
         )
+
+    def draw_here(self, places: np.ndarray) -> None:
+        """Puts dots where the agent is, at places [B, 3], each with a line down to the floor."""
+        for index in range(len(self._dots), len(places)):
+            self._dots.append(self._add_dot(f"/here_{index}"))
+        for dot, place in zip(self._dots, places, strict=True):
+            dot.position = place
+
+    def _add_dot(self, name: str) -> Any:
+        dot = self._scene.add_icosphere(name, radius=_DOT, color=HERE, cast_shadow=False)
+        if self._floor is not None:
+            # As long as the floor is wide: the rest of it lies below the floor, which hides it.
+            drop = np.array([[[0, 0, 0], [0, 0, -_FLOOR_SIZE]]], np.float32)
+            self._scene.add_line_segments(
+                f"{name}/drop", drop, colors=HERE, thickness=_DROP_WIDTH, thickness_units="screen"
+            )
+        return dot
 
     def _light(self) -> None:
         """As the suite's arena is lit: from above and in front, with some light from everywhere."""

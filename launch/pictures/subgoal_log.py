@@ -38,6 +38,7 @@ class Replayed(NamedTuple):
     subgoals: list[LoggedSubgoal]
     path: np.ndarray  # [steps + 1, N, H]; an episode that is over stays where it ended
     goal: np.ndarray  # [N, G]
+    achieved_goal: np.ndarray  # [steps + 1, N, G]; as `path`
 
 
 class SubgoalLog:
@@ -46,6 +47,7 @@ class SubgoalLog:
     def __init__(self, env: hac_suite.VectorEnv, horizons: tuple[int, ...]):
         self.subgoals: list[LoggedSubgoal] = []
         self.path: list[np.ndarray] = []
+        self.achieved_goal: list[np.ndarray] = []
         self.goal = np.zeros((env.num_envs, env.goal_space.dim))
         levels = len(horizons) - 1
         self._step = np.zeros((levels, env.num_envs), np.int64)
@@ -57,6 +59,7 @@ class SubgoalLog:
         """Notes the subgoals that ended with this step, and where their successors begin."""
         state = view.env_step
         self.path.append(state.achieved_subgoal.copy())
+        self.achieved_goal.append(state.achieved_goal.copy())
         self.goal = state.desired_goal.copy()
         begins = np.tile(view.active, (len(self._step), 1)) if view.step == 0 else self._end(view)
         for level, new in enumerate(begins):
@@ -105,4 +108,5 @@ def replay(policy: hac_suite.Policy, episodes: int) -> Replayed:
     log = SubgoalLog(env, policy.horizons)
     stats = hac_suite.run_episodes(env, policy, seeds, config=config, on_step=log.on_step)
     env.close()
-    return Replayed(policy, stats, log.subgoals, np.stack(log.path), log.goal)
+    path, achieved_goal = np.stack(log.path), np.stack(log.achieved_goal)
+    return Replayed(policy, stats, log.subgoals, path, log.goal, achieved_goal)

@@ -22,7 +22,9 @@ def anatomy(chosen: Sequence[tuple[Replayed, int]], task: str) -> dict[str, Any]
         }
         for name, space in spaces.items()
     }
-    episodes = [_episode(played, index) for played, index in chosen]
+    shared = set(spec.subgoal_space.names)
+    goal_only = [i for i, name in enumerate(spec.goal_space.names) if name not in shared]
+    episodes = [_episode(played, index, goal_only) for played, index in chosen]
     return {
         "task": task,
         "control_timestep": spec.control_timestep,
@@ -31,8 +33,10 @@ def anatomy(chosen: Sequence[tuple[Replayed, int]], task: str) -> dict[str, Any]
     }
 
 
-def _episode(played: Replayed, index: int) -> dict[str, Any]:
+def _episode(played: Replayed, index: int, goal_only: Sequence[int]) -> dict[str, Any]:
+    """An episode; `goal_only` are the goal's dimensions that `path` does not have."""
     steps = int(played.stats.steps[index])
+    achieved = played.achieved_goal[: steps + 1, index]
     return {
         "subgoal_layers": played.policy.subgoal_layers,
         "seed": played.policy.metadata["seed"],
@@ -40,6 +44,7 @@ def _episode(played: Replayed, index: int) -> dict[str, Any]:
         "success": bool(played.stats.success[index]),
         "goal": _rounded(played.goal[index]),
         "path": [_rounded(point) for point in played.path[: steps + 1, index]],
+        **({"goal_path": [_rounded(point[goal_only]) for point in achieved]} if goal_only else {}),
         "subgoals": [
             {
                 "level": subgoal.level,

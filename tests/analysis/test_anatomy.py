@@ -154,7 +154,40 @@ def test_a_point_in_space_is_seen_from_two_sides(folder):
         "effector, from above",
         "effector, from the side",
     )
-    assert side.get_ylabel() == "effector_z (m)"
+    assert side.get_ylabel() == "effector z (m)"
+
+
+@pytest.mark.parametrize("recorded", [True, False])
+def test_what_only_the_end_goal_has_is_shown_or_said_to_be_missing(folder, recorded):
+    record = _record()
+    record["goal_space"] = {
+        "names": ["rod_x", "cart_x", "rod_z"], "units": ["m", "m", "m"],
+        "threshold": [0.07, 0.2, 0.08],
+    }  # fmt: skip
+    for episode in record["episodes"]:
+        episode["goal"] = [0.8, 0.5, 0.2]
+        if recorded:
+            episode["goal_path"] = [[0.1 * step] for step in range(41)]
+    (folder / "pick_place" / "anatomy.json").write_text(json.dumps(record))
+    _, deep = load_episodes(folder / "pick_place", "pick_place")
+    *_, cart, outcomes = draw_anatomy(deep).axes
+    assert cart.get_ylabel() == "cart x\n(m)" and outcomes.get_xlabel() == "step"
+    (band,) = cart.patches
+    assert (band.get_y(), band.get_height()) == pytest.approx((0.3, 0.4))
+    said = cart.get_title(loc="right")
+    if recorded:
+        np.testing.assert_allclose(cart.lines[0].get_ydata(), 0.1 * np.arange(41))
+        assert said == "only the end goal asks for it"
+    else:
+        assert not cart.lines and said.endswith("where the agent was is not recorded")
+
+
+def test_a_goal_path_of_other_dimensions_is_refused(folder):
+    record = _record()
+    record["episodes"][0]["goal_path"] = [[0.0]] * 41  # both dimensions are subgoals' as well
+    (folder / "pick_place" / "anatomy.json").write_text(json.dumps(record))
+    with pytest.raises(ValueError, match="does not go with the path"):
+        load_episodes(folder / "pick_place", "pick_place")
 
 
 @pytest.mark.slow

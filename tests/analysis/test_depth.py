@@ -61,8 +61,8 @@ def test_gains_and_verdicts_by_hand(put):
     pays, costs, little = "it pays", "it costs", "less than 5 points, if anything"
     assert table["verdict"].tolist() == [pays, costs, little, pays, costs, pays]
     assert said[1] == (
-        "ur5_reacher in 200 decisions: a second layer over one gains -15.0 [-15.0, -15.0] points "
-        "of area over 600 episodes (10 pairs of seeds, p = 0.012 after Holm): it costs."
+        "ur5_reacher in 200 decisions: a second layer over one, a loss: -15.0 [-15.0, -15.0] "
+        "points of area over 600 episodes (10 pairs of seeds, p = 0.012 after Holm): it costs."
     )
     assert said[6] == "ur5_reacher: a second layer pays from 400 decisions on, of those measured."
     assert said[7].startswith(

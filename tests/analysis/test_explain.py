@@ -6,12 +6,14 @@ import shutil
 import numpy as np
 import pandas as pd
 import pytest
+from matplotlib.colors import to_rgb
 
 from analysis.explain import main
+from analysis.figures.diagnostics import LOOKS
 from analysis.figures.maps import draw_subgoal_maps, draw_values
 from analysis.figures.starts import draw_failures, draw_starts
 from analysis.reading import grid, names
-from analysis.reading.episodes import load_episodes, some_planes
+from analysis.reading.episodes import load_episodes, load_units, some_planes
 from analysis.report.explanations import explanations
 from analysis.report.run_report import write_report
 
@@ -106,31 +108,77 @@ def test_a_damaged_record_hides_no_other(folder):
 def test_the_published_subgoals_are_mapped_where_nothing_else_is(folder):
     (folder / names.MAPS).unlink()
     shutil.copy(grid.FOLDER / TASK / names.SUBGOALS, folder / names.SUBGOALS)
-    (shown,) = [shown for shown in explanations(folder, TASK) if shown.name == "subgoal_maps"]
+    shown = _map_of(folder)
     titles = [ax.get_title() for ax in shown.figure.axes]
     assert titles[0].startswith("trained, gripper\n")
+    assert shown.caption.startswith(
+        "Where the subgoals of level 2 of the agent with 2 subgoal layers are in test episodes of "
+        "the trained policies."
+    )
+
+
+def _map_of(folder):
+    (shown,) = [shown for shown in explanations(folder, TASK) if shown.name == "subgoal_maps"]
+    return shown
+
+
+def test_a_map_says_which_levels_and_policies_it_is_of(folder):
+    training = "are in test episodes, from left to right as training goes on."
+    assert f"of each level of the agent with 2 subgoal layers {training}" in _map_of(folder).caption
+    one = _maps().assign(subgoal_layers=1).query("level == 1 and train_episodes == 300")
+    two = _maps().query("level == 2 and train_episodes == 300")
+    pd.concat([one, two]).to_csv(folder / names.MAPS, index=False)
+    assert (
+        "level 1 of the agent with 1 subgoal layer and level 2 of the agent with 2 subgoal layers "
+        "are in test episodes after 300 training episodes."
+    ) in _map_of(folder).caption
 
 
 def test_each_test_is_a_dot_or_a_cross():
-    figure = draw_starts(_starts())
+    figure = draw_starts(_starts(), {"gripper_x": "m"})
     assert len(figure.axes) == 4  # 2 agents, start and goal
     for ax in figure.axes:
         dots, crosses = (part.get_offsets() for part in ax.collections)
         assert (len(dots), len(crosses)) == (8, 2)
-    assert "2 of 10 tests, 2 seeds fail" in figure.axes[0].get_ylabel()
+    assert "2 of 10 tests of 2 seeds fail" in figure.axes[0].get_ylabel()
+    assert figure.axes[0].get_xlabel() == "gripper x (m)"
     assert np.allclose(figure.axes[0].collections[1].get_offsets()[:, 0], 0.1)
 
 
 def test_maps_count_every_subgoal_once():
-    figure = draw_subgoal_maps(_maps())
-    titles = [ax.get_title() for ax in figure.axes]
+    *axes, _, _ = draw_subgoal_maps(_maps(), {}).axes
+    titles = [ax.get_title() for ax in axes]
     assert titles == [
         "untrained, gripper\n6 subgoals, 0% achieved",
         "after 300 episodes, gripper\n6 subgoals, 50% achieved",
     ] * 2  # fmt: skip
-    for ax in figure.axes:
+    for ax in axes:
         counts = ax.collections[0].get_array()
         assert counts.sum() == 6 and counts.count() == 6
+
+
+def test_a_map_has_tints_of_its_level_and_one_scale_for_all_stages():
+    crowded = pd.concat([_maps(), *[_maps().query("train_episodes == 300")] * 4])
+    *axes, lower, upper = draw_subgoal_maps(crowded, {"gripper_x": "m"}).axes
+    for scale in (lower, upper):
+        assert scale.get_ylabel() == "subgoals per cell (log)"
+        assert scale.get_yscale() == "log" and scale.get_ylim() == pytest.approx((1, 5))
+    for ax, level in zip(axes, (1, 1, 2, 2), strict=True):
+        mesh = ax.collections[0]
+        assert (mesh.norm.vmin, mesh.norm.vmax) == (1, 5)
+        own = np.array(to_rgb(LOOKS[level].colour))
+        np.testing.assert_allclose(mesh.cmap(0.5)[:3], own, atol=0.01)
+        np.testing.assert_allclose(mesh.cmap(0.0)[:3], 0.2 * own + 0.8, atol=0.01)
+        assert (ax.get_xlabel(), ax.get_ylabel().split("\n")[-1]) == ("gripper x (m)", "gripper z")
+
+
+def test_units_come_from_a_record_of_episodes(folder):
+    assert load_units(folder) == {"gripper_x": "m", "gripper_z": "m"}
+    assert _map_of(folder).figure.axes[0].get_xlabel() == "gripper x (m)"
+    (folder / names.FAILED_EPISODES).write_text("{}")
+    assert load_units(folder) == {}
+    shutil.copy(grid.FOLDER / TASK / names.ANATOMY, folder)
+    assert load_units(folder)["elbow"] == "rad"
 
 
 def test_q_is_drawn_where_its_goal_is():
@@ -146,6 +194,18 @@ def test_a_failure_says_how_near_it_came(folder):
     assert "nearest: 3.0 thresholds from the goal" in figure.axes[0].get_title()
     with pytest.raises(ValueError, match="no failure"):
         draw_failures([])
+
+
+def test_nearness_counts_what_only_the_end_goal_has(folder):
+    record = _failed()
+    wider = {"names": [*_SPACE["names"], "cart_x"], "units": ["m"] * 3, "threshold": [0.1, 0.2, 1]}
+    record["goal_space"] = wider
+    record["episodes"][0] |= {"goal": [0.8, 0.1, 9.0], "goal_path": [[0.0]] * 6}
+    for said in ("nearest: 9.0 thresholds", "nearest: 3.0 thresholds from the goal (cart x not"):
+        (folder / names.FAILED_EPISODES).write_text(json.dumps(record))
+        figure = draw_failures(load_episodes(folder, TASK, names.FAILED_EPISODES))
+        assert said in figure.axes[0].get_title()
+        record["episodes"][0].pop("goal_path", None)
 
 
 def test_planes_are_told_from_names():

@@ -1,5 +1,7 @@
 """Whether hierarchy helps: made-up results whose answer is known, and what cannot be compared."""
 
+import re
+
 import numpy as np
 import pytest
 
@@ -27,7 +29,7 @@ def like(curve, seeds=8):
 def test_the_verdict_follows_the_data(make_results, flat, deep, says):
     (found,) = hierarchy.judge(make_results({0: flat, 1: deep}), {})
     assert (found.subgoal_layers, found.says) == (1, says)
-    assert f"1 subgoal layer: {says}. " in found.sentence
+    assert f"1 subgoal layer: {says} at equal environment steps (" in found.sentence
 
 
 def test_area_is_compared_at_equal_steps_minutes_and_episodes(make_results):
@@ -43,6 +45,22 @@ def test_area_is_compared_at_equal_steps_minutes_and_episodes(make_results):
     assert steps > 0.15 and minutes < -0.15 and episodes == 0
     assert improvement > 0.9  # of a seed at equal environment steps
     assert found.says == HELPS  # environment steps decide
+    assert found.short == "it helps at equal environment steps, it loses at equal core-minutes"
+    gain, loss = found.sentence.split("; ")
+    assert "it helps at equal environment steps (a gain: +" in gain
+    assert loss.startswith("it loses at equal core-minutes (a loss: -")
+
+
+def test_a_loss_is_called_a_loss_wherever_it_is_told(make_results):
+    losses = np.array([0.2, -0.3, 0.1, -0.25, 0.0, -0.2])
+    deep = [[0, 0.5 + loss, 0.5 + loss] for loss in losses]
+    results = make_results({0: [[0, 0.5, 0.5]] * 6, 1: deep})
+    (found,) = hierarchy.judge(results, {})
+    assert found.says == UNDECIDED and found.deciding.value < 0
+    assert found.sentence.count("a loss: -") == 2  # at equal steps and at equal minutes
+    assert "If the loss at equal environment steps is what was seen, about" in found.sentence
+    told = [found.sentence, *(item.quantity for item in found.evidence)]
+    assert not re.search(r"\bgains?\b", " ".join(told))
 
 
 def test_seeds_are_compared_with_themselves(make_results):
@@ -80,6 +98,19 @@ def test_what_is_undecided_says_how_many_seeds_would_tell(make_results):
     assert f"about {found.seeds_needed} seeds" in found.sentence
 
 
+@pytest.mark.parametrize(("hierarchies", "least"), [((1,), 6), ((1, 2), 7)])
+def test_fewer_seeds_decide_nothing_however_large_the_gain(make_results, hierarchies, least):
+    def judged(seeds):
+        curves = {0: SLOW, **dict.fromkeys(hierarchies, FAST)}
+        return hierarchy.judge(make_results({k: [c] * seeds for k, c in curves.items()}), {})
+
+    assert hierarchy.least_seeds(len(hierarchies)) == least
+    assert {found.says for found in judged(least)} == {HELPS}
+    for found in judged(least - 1):
+        assert found.says == UNDECIDED
+        assert f"{least} seeds" in found.sentence
+
+
 def test_so_many_seeds_find_the_gain_as_often_as_is_said():
     random = np.random.default_rng(0)
     new, old = random.normal(0.05, 0.1, 12), np.zeros(12)
@@ -94,7 +125,7 @@ def test_the_command_prints_sentences_and_all_that_was_measured(make_run, capsys
     folder = make_run({0: like(SLOW), 1: like(FAST)})
     assert verdict.main(["", str(folder)]) == 0
     printed = capsys.readouterr().out
-    assert "- 1 subgoal layer: it helps. +" in printed
+    assert "- 1 subgoal layer: it helps at equal environment steps (a gain: +" in printed
     assert printed.count("| 1 against 0 |") == 5
     folder.rename(tmp_path / "ours")
     other = make_run({0: like(FAST), 1: like(FAST)})

@@ -4,7 +4,6 @@ import itertools
 import json
 import os
 import pickle
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -17,10 +16,10 @@ from hac_suite.learning.networks import StackedMLP
 from hac_suite.policy import Policy
 from hac_suite.training.evaluation import run_episodes
 from hac_suite.types import level_specs
+from tests.cases import published
 from tests.hac_suite.tiny_envs import PointEnv, Step
 
 HORIZONS = (4, 3)
-PUBLISHED = Path(__file__).resolve().parents[2] / "assets" / "policies"
 
 
 @pytest.fixture
@@ -187,7 +186,7 @@ def test_acting_step_by_step_is_what_tests_play(layers, seed):
 
 
 def test_a_published_agent_acts_in_its_task_as_in_tests():
-    policy = Policy.load(PUBLISHED / "pick_place_2layers_seed1")
+    policy = Policy.load(published("pick_place", 2))
     for seed in (0, 1):
         actions, _, steps = played(policy, tasks.load_vector("pick_place", 1), seed)
         assert len(actions) > 30

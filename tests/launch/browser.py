@@ -37,8 +37,12 @@ class Browser:
       requests: addresses that it asked for.
     """
 
-    def __init__(self, address: str, size: tuple[int, int] = (1280, 720)):
-        """Loads the address in a window of that many pixels, width and height."""
+    def __init__(self, address: str, size: tuple[int, int] = (1280, 720), *, dark: bool = False):
+        """Loads the address in a window of that many pixels, width and height.
+
+        Args:
+          dark: whether the person wants pages to be dark.
+        """
         assert PATH
         self._folder = tempfile.TemporaryDirectory()
         words = [PATH, *_FLAGS, f"--user-data-dir={self._folder.name}", "about:blank"]
@@ -54,6 +58,8 @@ class Browser:
             "Emulation.setDeviceMetricsOverride",
             width=size[0], height=size[1], deviceScaleFactor=1, mobile=False,
         )  # fmt: skip
+        scheme = {"name": "prefers-color-scheme", "value": "dark" if dark else "light"}
+        self._ask("Emulation.setEmulatedMedia", features=[scheme])
         self._ask("Page.navigate", url=address)
 
     def _debugger(self) -> str:

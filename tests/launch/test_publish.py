@@ -255,4 +255,7 @@ def test_play_falls_back_on_published_policies(folder, tmp_path, monkeypatch, ca
     folder.path.rename(tmp_path / "gone")
     (found,) = play._choose(flags, TASK)
     assert found.path == tmp_path / "policies" / f"{TASK}_1layers_seed1"
-    assert "playing the published one" in capsys.readouterr().out
+    assert (
+        f"{Path('runs', TASK)} does not exist: playing the published policy"
+        in capsys.readouterr().out
+    )

@@ -17,6 +17,8 @@ from launch.asking import settings
 from launch.folder.layout import RunFolder
 from launch.jobs import worker
 from launch.pictures import subgoal_log
+from launch.recording.anatomy import anatomy
+from tests.cases import published
 
 TASK, LAYERS, SEED = "pick_place", 2, 3
 EPISODES, HORIZONS = 6, (7, 5, 9)
@@ -157,11 +159,23 @@ def test_the_command_writes_what_the_analysis_reads(folder, tmp_path, capsys):
     pd.testing.assert_frame_equal(
         table, table.sort_values(["seed", "episode", "step"], ignore_index=True)
     )
-    anatomy = json.loads(anatomy_path.read_text())
-    assert [e["subgoal_layers"] for e in anatomy["episodes"]] == [0, LAYERS]
-    flat, deep = anatomy["episodes"]
+    described = json.loads(anatomy_path.read_text())
+    assert [e["subgoal_layers"] for e in described["episodes"]] == [0, LAYERS]
+    flat, deep = described["episodes"]
     assert not flat["subgoals"] and {s["level"] for s in deep["subgoals"]} == {1, 2}
-    assert len(anatomy["subgoal_space"]["names"]) == len(deep["path"][0]) == 5
+    assert len(described["subgoal_space"]["names"]) == len(deep["path"][0]) == 5
+    assert "goal_path" not in deep  # subgoals have all dimensions of the end goal
+
+
+def test_what_only_the_end_goal_has_is_recorded_beside_the_path():
+    policy = published("cartpole_swingup", 1)
+    played = subgoal_log.replay(hac_suite.Policy.load(policy), 1)
+    (episode,) = anatomy([(played, 0)], "cartpole_swingup")["episodes"]
+    tip, cart = np.array(episode["path"]), np.array(episode["goal_path"])
+    assert cart.shape == (len(tip), 1)
+    # The pole is a metre long, and the rail lies at 1.2 metres.
+    np.testing.assert_allclose(np.hypot(tip[:, 0] - cart[:, 0], tip[:, 1] - 1.2), 1, atol=2e-3)
+    assert np.ptp(cart) > 0.2
 
 
 def test_attached_is_read_where_it_is_observed():
@@ -179,7 +193,7 @@ def test_attached_is_read_where_it_is_observed():
     [
         (["--task=pick_plce"], "unknown task 'pick_plce': did you mean 'pick_place'?"),
         (["--task=ur5_reacher"], "holds no policies of ur5_reacher"),
-        (["--policies=elsewhere"], "elsewhere holds no policies of pick_place"),
+        (["--policies=elsewhere"], "elsewhere does not exist"),
         (["--episodes=0"], "--episodes=0"),
         (["--outptu=a"], "did you mean 'output'?"),
     ],

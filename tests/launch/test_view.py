@@ -30,7 +30,7 @@ def test_without_the_extra_one_line_says_how_to_install_it(monkeypatch, capsys):
         (["--task=pick_plce"], "did you mean 'pick_place'?"),
         (["--subgoal_layers=7"], "no policy of 7 subgoal layers"),
         (["--seed=77"], "has no policy of 2 subgoal layers, seed 77"),
-        (["--run=nowhere"], "nowhere holds no policies"),
+        (["--run=nowhere"], "nowhere does not exist"),
         (["--port=80"], "--port=80"),
         (["--host=no.such.host.invalid"], "--host=no.such.host.invalid: cannot listen there"),
     ],

@@ -27,7 +27,8 @@ def empty_pictures(monkeypatch):
     """To draw figures takes most of a report's time, and one test looks at them."""
 
     def of(figure, description, caption, dpi):
-        return page.Picture("data:image/png;base64,", description, caption)
+        width = figure.get_figwidth()
+        return page.Picture("data:image/png;base64,", description, caption, width)
 
     monkeypatch.setattr(page.Picture, "of", of)
 
@@ -59,8 +60,8 @@ class Page(HTMLParser):
 
 
 def _cells(path: Path) -> list[list[str]]:
-    rows = re.findall(r"<tr>(<td>.*?)</tr>", path.read_text(encoding="utf-8"))
-    return [re.findall(r"<td>(.*?)</td>", row) for row in rows]
+    rows = re.findall(r"<tr [^>]*>(<td .*?)</tr>", path.read_text(encoding="utf-8"))
+    return [re.findall(r"<td [^>]*>(.*?)</td>", row) for row in rows]
 
 
 def test_figures_are_inside_the_page_and_nothing_is_fetched(make_run, monkeypatch):
@@ -121,8 +122,8 @@ def _manifest(*commands: list[str]) -> dict:
 
 
 def _commands(path: Path) -> list[str]:
-    (block,) = re.findall(r"<pre[^>]*>(.*?)</pre>", path.read_text(encoding="utf-8"), re.DOTALL)
-    return html.unescape(block).splitlines()
+    blocks = re.findall(r"<pre>(.*?)</pre>", path.read_text(encoding="utf-8"), re.DOTALL)
+    return [html.unescape(re.sub(r"</?span>", "", block)) for block in blocks]
 
 
 def test_commands_and_configuration_come_from_the_manifest(make_run):
@@ -202,6 +203,18 @@ def test_everything_can_be_read_without_eyes_or_a_mouse(make_run):
     assert "replays/pick_place_1layers.html" in shown.values("a", "href")
 
 
+def test_wide_pictures_scroll_by_themselves_and_cells_name_their_column(make_run):
+    """So that a phone can show both; test_report_in_browser.py looks at that."""
+    path = write_report(make_run(CURVES))
+    regions = [attrs for _, attrs in Page(path).tags if attrs.get("class") == "scroll"]
+    text = path.read_text(encoding="utf-8")
+    wide = re.findall(r'<img [^>]*alt="([^"]*)" style="--full: [\d.]+in">', text)
+    assert len(wide) == 3 and set(wide) <= {attrs["aria-label"] for attrs in regions}
+    assert text.count("Move it sideways") == 3  # but not the first one, which a phone has room for
+    assert '<td role="cell" data-heading="steps to goal">110</td>' in text
+    assert re.search(r"pre \{[^}]*white-space: pre-wrap", text)  # and commands are wrapped
+
+
 def _luminance(colour: str) -> float:
     parts = [int(colour[i : i + 2], 16) / 255 for i in (1, 3, 5)]
     linear = [c / 12.92 if c <= 0.03928 else ((c + 0.055) / 1.055) ** 2.4 for c in parts]
@@ -226,7 +239,7 @@ def test_the_verdict_and_the_best_agent_are_in_the_first_lines(make_run):
     curves = {0: [[0.0, 0.1, 0.2]] * 6, 1: [[0.0, 0.8, 0.9]] * 6}
     text = " ".join(Page(write_report(make_run(curves))).text.split())
     assert "After 600 training episodes, the agent with 1 subgoal layer achieves 90.0%" in text
-    assert "Hierarchy against the flat agent: with 1 subgoal layer it helps." in text
+    assert "Hierarchy against the flat agent: with 1 subgoal layer it helps at equal " in text
     alone = make_run({1: [[0.0, 0.5]]}, task="ur5_reacher")
     text = " ".join(Page(write_report(alone)).text.split())
     assert "Not to be told: this folder holds results of 1 subgoal layer only" in text
@@ -237,6 +250,17 @@ def test_few_seeds_are_flagged(make_run):
     assert "fewer than 5 seeds: little more than their range" in few
     enough = Page(write_report(make_run({1: [[0.0, 0.5]] * 5}, task="ur5_reacher"))).text
     assert "fewer than" not in enough
+
+
+def test_the_heading_speaks_of_failing_tests_only_where_they_are_shown(make_run):
+    published, folder = grid.FOLDER / "pick_place", make_run(CURVES)
+    heading = "What was learnt, and which tests fail"
+    shutil.copy(published / "subgoals.csv", folder)
+    page = Page(write_report(folder))
+    assert "What was learnt" in page.text and heading not in page.text
+    assert "level 2 of the agent with 2 subgoal layers" in page.values("img", "alt")[-1]
+    shutil.copy(published / "anatomy.json", folder / "failures.json")
+    assert Page(write_report(folder)).text.count(heading) == 2  # in the contents, and above them
 
 
 def test_recorded_episodes_are_drawn(make_run):

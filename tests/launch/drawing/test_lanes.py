@@ -1,6 +1,7 @@
 """Lanes: every attempt is a bar where it was, in the colour of what became of it."""
 
 import numpy as np
+import pytest
 
 import hac_suite
 from launch.drawing import ink, lanes
@@ -53,3 +54,47 @@ def test_an_agent_without_subgoals_has_a_lane_for_its_end_goal(course):
     assert [len(row.bars) for row in rows] == [1, 0, 0]
     lost = lanes.lanes_of(course._replace(success=False))[0].bars[0]
     assert lost.outcome == hac_suite.Outcome.MISSED
+
+
+@pytest.mark.parametrize("unit", [0.3, 1.0, 1.5])
+def test_numbers_lie_on_no_words(course, monkeypatch, unit):
+    words = []
+
+    def write(draw, text, place, size, fill=ink.WHITE, anchor="lm"):
+        if not text.isdigit():
+            words.append((place[0], place[0] + ink.length(text, size), place[1]))
+
+    monkeypatch.setattr(ink, "write", write)
+    width, moments = round(WIDTH * unit), np.linspace(0, course.steps, 6).round()
+    strip = lanes.Strip(lanes.lanes_of(course), course.steps, width, unit)
+    strip.at(course.steps, moments)
+    middle, radius = sum(strip._rows(0)) / 2, lanes._BADGE * unit
+    beside = [(left, right) for left, right, y in words if abs(y - middle) < radius]
+    assert len(beside) == 2  # the lane's name, and what became of it
+    for left, right in beside:
+        for moment in moments:
+            assert not left < strip._x(moment) + radius or not strip._x(moment) - radius < right
+
+
+def test_signs_of_bars_lie_beside_numbers_and_their_lines(course, monkeypatch):
+    """Where all bars end in the middle of the picture there is a number on the end goal's."""
+    signs = []
+    monkeypatch.setattr(
+        lanes, "_draw_sign", lambda draw, outcome, middle, size: signs.append((*middle, size))
+    )
+    strip = lanes.Strip(lanes.lanes_of(course), course.steps, WIDTH, 1.0)
+    moments = np.linspace(0, course.steps, 7)
+    strip.at(course.steps, moments)
+    top = sum(strip._rows(0)) / 2
+    assert sum(y == top for _, y, _ in signs) == 1 and len(signs) > 15
+    for x, y, size in signs:
+        room = size + (lanes._BADGE if y == top else 0)
+        assert min(abs(x - strip._x(moment)) for moment in moments) >= room
+
+
+def test_a_count_keeps_to_the_picture(course):
+    """However many subgoals there were."""
+    bars = [lanes.Bar(step, step + 1, hac_suite.Outcome.ACHIEVED) for step in range(1200)]
+    many = [lanes.Lane("end goal", (9, 9, 9), bars[:1]), lanes.Lane("level 1", (9, 9, 9), bars)]
+    picture = pixels(lanes.Strip(many, 1200, WIDTH, 1.0), 1200)
+    assert (picture[:, -4:] == ink.PAPER).all()

@@ -5,7 +5,8 @@ import pytest
 from PIL import Image
 
 from launch.drawing import markers as markers_lib
-from launch.drawing.markers import Markers, goal_mark, hull, level_mark
+from launch.drawing import tags
+from launch.drawing.markers import Markers, goal_mark, hull, level_mark, nearest
 from launch.drawing.view import View, points_of_interest
 
 SIZE, GREY = (960, 540), 120
@@ -38,12 +39,11 @@ def test_every_level_has_an_outline_of_its_own(course, view):
 
 def test_a_marker_is_where_the_subgoal_is_that_is_pursued(course, view):
     """Of level 2, halfway through each of its subgoals."""
-    mark = level_mark(course, 2)
+    mark, made = level_mark(course, 2), Markers(course, view, 20.0, 1.0)
     for subgoal in course.subgoals:
         if subgoal.level != 2:
             continue
         middle = (subgoal.step + subgoal.end_step) / 2
-        made = Markers(course, view, 20.0, 1.0)
         outlines = [outline for outline, _ in made._outlines(mark, int(np.ceil(middle)))]
         gripper = view.pixels(np.array([subgoal.subgoal[0], 0.0, subgoal.subgoal[1]]))
         rod = view.pixels(np.array([subgoal.subgoal[2], 0.0, subgoal.subgoal[3]]))
@@ -74,19 +74,45 @@ def test_a_subgoal_that_has_just_ended_shows_what_became_of_it(course, view):
     assert at > 100
 
 
-@pytest.mark.slow
-def test_words_do_not_cover_each_other(course, view, monkeypatch):
-    places = []
+def test_words_are_on_no_marker_nor_on_each_other(course, view):
+    made = Markers(course, view, 20.0, 1.0)
+    half = tags.ROOM / 2
+    boxes = np.concatenate([made._boxes(mark) for mark in made._marks], axis=1)
+    for step in range(1, course.steps + 1):
+        words = [tag[step] for tag in made._tags]
+        for index, word in enumerate(words):
+            others = [np.stack([other - half, other + half]) for other in words[:index]]
+            for low, high in [*boxes[step], *others]:
+                assert not ((word + half > low) & (word - half < high)).all(), step
+
+
+def test_words_are_drawn_where_they_were_placed_for_the_step_that_is_pursued(
+    course, view, monkeypatch
+):
+    drawn_at = []
     monkeypatch.setattr(
-        markers_lib.ink.Ink, "tag", lambda self, text, centre, *_: places.append(np.array(centre))
+        markers_lib.ink.Ink, "tag", lambda self, text, place, *_: drawn_at.append((text, place))
     )
-    for moment in range(course.steps):
-        places.clear()
-        drawn(course, view, float(moment))
-        assert len(places) == 3
-        for index, place in enumerate(places):
-            for other in places[:index]:
-                assert (np.abs(place - other) >= [50, 18]).any(), moment
+    drawn(course, view, 20.5)
+    made = Markers(course, view, 20.0, 1.0)
+    expected = [(mark.word, tag[21]) for mark, tag in zip(made._marks, made._tags, strict=True)]
+    assert [word for word, _ in drawn_at] == [word for word, _ in expected]
+    np.testing.assert_array_equal([at for _, at in drawn_at], [at for _, at in expected])
+
+
+def test_signs_of_levels_that_end_together_do_not_hide_each_other(course, view):
+    """At the end the top level's subgoal is over, and the one below it."""
+    made = Markers(course, view, 20.0, 1.0)
+    last = [sign for sign, _ in made._fading(course.steps) if sign.step == course.steps]
+    assert sorted(sign.level for sign in last) == [1, 2]
+    gap = np.linalg.norm(last[0].middle - last[1].middle)
+    assert gap >= last[0].radius + last[1].radius
+
+
+def test_the_nearest_point_of_an_outline():
+    square = np.array([[0, 0], [4, 0], [4, 4], [0, 4]], float)
+    for point, expected in (((2, -3), (2, 0)), ((9, 9), (4, 4)), ((1, 2), (0, 2))):
+        np.testing.assert_allclose(nearest(square, np.array(point, float)), expected)
 
 
 def test_a_hull_has_the_corners_and_nothing_else():

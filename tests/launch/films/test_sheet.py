@@ -55,9 +55,18 @@ def test_an_environment_that_draws_itself_is_filmed_as_it_does(drawing_itself):
     assert np.abs(first.astype(int) - last).max() > 50
 
 
+@pytest.mark.parametrize("size", [(1280, 720), (480, 854), (400, 400)])
+def test_lanes_are_wide_in_a_narrow_film_as_well(drawing_itself, size):
+    course = course_lib.record(policy(1), SEED)
+    sheet = Sheet(course, pacing.pace(course.steps, course.control_timestep), size, None)
+    strip = sheet._strip
+    sheet.close()
+    assert strip._x(course.steps) - strip._x(0) > 0.6 * size[0]
+
+
 @pytest.mark.requires_gl
 def test_columns_begin_together_and_those_that_are_done_wait(tmp_path):
-    courses = [course_lib.record(policy(layers), SEED) for layers in (0, 2)]
+    courses = [course_lib.record(policy(layers), 0) for layers in (0, 2)]
     columns = Columns(courses, ["none", "two"], (640, 320), None)
     steps = [course.steps for course in courses]
     assert columns.moments[-1] == max(steps) and all(course.success for course in courses)

@@ -12,14 +12,14 @@ import pytest
 import hac_suite
 import tasks
 from launch import play
-from launch.folder import policies
 from launch.pictures import course as course_lib
 from launch.pictures import replay, scene
 from launch.pictures.course import Course
 from launch.pictures.video import RenderingError
+from tests.cases import published
 
 TASK, SEED = "ur5_reacher", 11
-POLICY = policies.PUBLISHED / f"{TASK}_2layers_seed0"
+POLICY = published(TASK, 2)
 
 
 @pytest.fixture(scope="module")
@@ -93,7 +93,10 @@ def test_the_file_holds_every_frame(course, tmp_path):
     """viser's recording, decoded and played in Python, shows the bodies that were seen."""
     pytest.importorskip("viser", exc_type=ImportError)
     replay.write(course, tmp_path / "episode.html")
-    messages, duration = _recording((tmp_path / "episode.html").read_text())
+    html = (tmp_path / "episode.html").read_text()
+    (scheme,) = re.findall(r"__VISER_EMBED_CONFIG__=\{darkMode:(.*?)\};", html)
+    assert scheme == "matchMedia('(prefers-color-scheme: dark)').matches"
+    messages, duration = _recording(html)
     assert duration > course.steps * course.control_timestep
     names = [f"/{i}_{name.replace('/', '_')}" for i, name in enumerate(course.stage.bodies)]
     position: dict[str, tuple] = {}
@@ -111,6 +114,8 @@ def test_the_file_holds_every_frame(course, tmp_path):
             if frame.seen[body]:
                 held = position.get(name, (0, 0, 0))
                 np.testing.assert_allclose(held, frame.position[body], atol=1e-4)
+        # A dot where the effector is, which is what subgoals are about.
+        np.testing.assert_allclose(position["/here_0"], course.trail[step, 0], atol=1e-4)
 
 
 def _recording(html: str) -> tuple[list, float]:
@@ -129,8 +134,7 @@ def _recording(html: str) -> tuple[list, float]:
 @pytest.mark.parametrize("task", tasks.ALL)
 def test_a_replay_of_every_task_is_small(task, tmp_path):
     pytest.importorskip("viser", exc_type=ImportError)
-    (found,) = (p for p in policies.published(task) if p.subgoal_layers == 2)
-    replay.render([found.path], tmp_path / "new" / "r.html")
+    replay.render([published(task, 2)], tmp_path / "new" / "r.html")
     assert 500_000 < (tmp_path / "new" / "r.html").stat().st_size < 3_000_000
     assert [path.name for path in (tmp_path / "new").iterdir()] == ["r.html"]
 

@@ -116,6 +116,20 @@ def test_it_fits_the_window(page):
     assert bottom <= page.run("innerHeight") + 1
 
 
+@pytest.mark.parametrize("dark", [False, True], ids=["light", "dark"])
+def test_the_page_is_as_dark_as_the_person_wants_it(file, dark):
+    with contextlib.closing(Browser(file.as_uri(), dark=dark)) as opened:
+        opened.wait_for("window.replay")
+        shown = at(opened, 0)
+        sky = canvas(opened, shown)[:20].mean()
+        bar, letters = opened.run(
+            "(() => { const style = getComputedStyle(document.getElementById('hac-bar'));"
+            "return [style.backgroundColor, style.color].map(c => Number(c.match(/\\d+/)[0])) })()"
+        )
+        assert opened.problems == []
+    assert (sky < 60, bar < 60, letters > 200) == (dark, dark, dark)
+
+
 def test_nothing_went_wrong_and_nothing_was_asked_of_the_network(page):
     page.run("replay.show(5)")
     time.sleep(0.5)

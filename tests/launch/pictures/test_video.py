@@ -144,7 +144,7 @@ def test_play_writes_a_strip_of_frames_from_a_renamed_run_folder(copy, tmp_path)
         (["--task=ur5_reachr"], "unknown task 'ur5_reachr': did you mean 'ur5_reacher'?"),
         (["--seed=4"], "no policy of 2 subgoal layers, seed 4; it has 2 subgoal layers: seeds 3"),
         (["--subgoal_layers=1"], "no policy of 1 subgoal layer"),
-        (["--run=elsewhere"], "elsewhere holds no policies; train some with"),
+        (["--run=elsewhere"], "elsewhere does not exist; train some with"),
         (["--output=v.gif"], "ends in .mp4, .png or .html"),
         (["--size=1281x720"], "--size=1281x720: it takes WIDTHxHEIGHT, even numbers"),
         (["--size=big"], "--size=big: it takes WIDTHxHEIGHT"),
