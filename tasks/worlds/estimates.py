@@ -58,6 +58,16 @@ class Played(NamedTuple):
 
 
 Ends = tuple[np.ndarray, np.ndarray]
+
+
+class Observed(NamedTuple):
+    """Of the numbers of an observation that are an achieved goal's; NaN for others: [D] each."""
+
+    low: np.ndarray  # where end goals are
+    high: np.ndarray
+    width: np.ndarray  # half the width of an end goal: less does not matter
+
+
 Act = Callable[[int, Any], np.ndarray]  # time, what the environments show -> actions [N, A]
 
 
@@ -166,19 +176,17 @@ def _given_goals(about: About, played: Played, rng: np.random.Generator) -> Play
 
 def settings(about: About, played: Played) -> Settings:
     """What a task needs to be trained on, from episodes that were played on it."""
-    alive = played.alive()
-    offset, scale = scales(played.observation[alive], _observed_goals(about, played))
     max_steps = _max_steps(about, played)
     low, high = _goal_bounds(about, played)
-    reached = played.achieved_subgoal[alive]
     shared = _shared(played)
-    goals = [_asked(about, played)[:, shared]] if (shared >= 0).all() else []
-    sub_low, sub_high = bounds(reached, *goals)
+    sub_low, sub_high = _subgoal_bounds(about, played, shared)
     width = sub_high - sub_low
     horizons = {layers: attempts(played, max_steps, layers, width) for layers in _LAYERS}
     farthest = np.full(len(low), _FARTHEST * (high - low).max())
     goal_widths = judging.half_widths(about.judge, _some(about, played), farthest)
     goal_widths = np.maximum(goal_widths, 1e-4 * (high - low))
+    observed = _observed_goals(about, played, goal_widths)
+    offset, scale = scales(played.observation[played.alive()], observed)
     near = subgoal_threshold(
         played, horizons[1][0], width, np.where(shared >= 0, goal_widths[shared], np.nan)
     )
@@ -196,18 +204,18 @@ def settings(about: About, played: Played) -> Settings:
     )
 
 
-def scales(observation: np.ndarray, goals: Ends | None = None) -> Ends:
+def scales(observation: np.ndarray, goals: Observed | None = None) -> Ends:
     """What to subtract from observations [K, D], and to divide by, to come out about [-1, 1].
 
     Numbers that lie about 0 keep it: their offset is 0. One that stood still comes out as 0, and
     keeps its unit, for it may move after all.
 
     Args:
-      goals: [D] low and high ends that are to be within as well; NaN: none.
+      goals: what is known of numbers that are also the achieved goal's.
     """
     low, high = np.quantile(observation, [_TAIL, 1 - _TAIL], axis=0)
     if goals is not None:
-        low, high = np.fmin(low, goals[0]), np.fmax(high, goals[1])
+        low, high = np.fmin(low, goals.low), np.fmax(high, goals.high)
     middle, half = (low + high) / 2, (high - low) / 2
     largest = np.maximum(np.abs(low), np.abs(high))
     off_centre = np.abs(middle) > _CENTRED * half
@@ -216,19 +224,25 @@ def scales(observation: np.ndarray, goals: Ends | None = None) -> Ends:
     # What is seldom seen, such as a touch, is beyond the ends, but not far beyond.
     scale = np.maximum(scale, np.abs(observation - offset).max(axis=0) / _FARTHEST)
     scale = np.where(np.ptp(observation, axis=0) == 0, 1.0, np.maximum(scale, _LEAST_SCALE))
+    if goals is not None:
+        scale = np.fmax(scale, goals.width)
     return offset, _rounded(scale, up=True)
 
 
-def _observed_goals(about: About, played: Played) -> Ends:
-    """Where end goals are, for numbers of the observation that are the achieved goal's: [D] each.
+def _observed_goals(about: About, played: Played, widths: np.ndarray) -> Observed:
+    """For numbers of the observation that are the achieved goal's, where end goals are.
 
-    An agent that learns to go there will see them there. NaN for other numbers.
+    An agent that learns to go there will see them there.
+
+    Args:
+      widths: [G] half the widths of end goals.
     """
-    low, high = np.full((2, played.observation.shape[-1]), np.nan)
+    known = Observed(*np.full((3, played.observation.shape[-1]), np.nan))
     for i, asked in enumerate(_asked(about, played).T):
         same = (played.observation == played.achieved_goal[..., i, None]).all(axis=(0, 1))
-        low[same], high[same] = np.quantile(asked, [_TAIL, 1 - _TAIL])
-    return low, high
+        known.low[same], known.high[same] = np.quantile(asked, [_TAIL, 1 - _TAIL])
+        known.width[same] = widths[i]
+    return known
 
 
 def bounds(*groups: np.ndarray) -> Ends:
@@ -320,6 +334,13 @@ def _goal_bounds(about: About, played: Played) -> Ends:
     both = bounds(_asked(about, played), played.achieved_goal[played.alive()])
     narrow = asked[1] - asked[0] < 0.05 * (both[1] - both[0])
     return np.where(narrow, both[0], asked[0]), np.where(narrow, both[1], asked[1])
+
+
+def _subgoal_bounds(about: About, played: Played, shared: np.ndarray) -> Ends:
+    """Where episodes came, and where end goals are asked for in dimensions that are shared."""
+    reached = played.achieved_subgoal[played.alive()]
+    asked = _asked(about, played)[:, shared]
+    return bounds(reached, np.where(shared >= 0, asked, np.median(reached, axis=0)))
 
 
 def _shared(played: Played) -> np.ndarray:

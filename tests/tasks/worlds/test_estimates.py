@@ -97,6 +97,18 @@ def test_an_observed_goal_is_scaled_for_where_goals_are():
     settings = estimates.settings(about(), played)
     high = settings.observation_offset[0] + settings.observation_scale[0]
     assert 4.0 < high < 4.5
+    still = walk(np.stack([5 + 1e-3 * RAMP] * 2, axis=1), asked=[[5.0], [5.1]])
+    settings = estimates.settings(about(), still)
+    assert settings.observation_scale[0] == pytest.approx(0.25)  # the goal's threshold
+
+
+def test_subgoals_may_lie_where_end_goals_do_in_the_dimensions_that_they_share():
+    hand = np.stack([RAMP[::-1]] * 2, axis=1)
+    played = walk(np.stack([0.01 * RAMP] * 2, axis=1), asked=[[0.0], [4.0]])
+    both = np.stack([hand, played.achieved_goal[..., 0]], axis=-1)
+    played = played._replace(achieved_subgoal=both)
+    settings = estimates.settings(about(subgoal_names=("hand", "x")), played)
+    assert 10.5 < settings.subgoal_high[0] < 11.5 and 4.0 < settings.subgoal_high[1] < 4.5
 
 
 def test_bounds_are_finite_and_have_width_whatever_was_seen():
