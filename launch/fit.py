@@ -26,6 +26,7 @@ from hac_suite.types import level_specs
 from launch.asking import lists
 from launch.asking.console import Console
 from tasks.worlds import estimates, seen
+from tasks.worlds.copies import EnvFailed
 from tasks.worlds.estimates import Played
 from tasks.worlds.settings import Settings, as_toml
 
@@ -83,7 +84,10 @@ def _fit(values: flags.FlagValues) -> int:
     console = Console()
     for note in task.notes:
         console.say(f"note: {note}")
-    found = fit(task, values.train_episodes)
+    try:
+        found = fit(task, values.train_episodes)
+    except EnvFailed as error:
+        raise CommandError(str(error)) from error
     names = task.about.goal_names, task.about.subgoal_names
     output.parent.mkdir(parents=True, exist_ok=True)
     write_text(output, as_toml(found.settings, task.word, str(output), names))

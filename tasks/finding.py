@@ -172,8 +172,8 @@ def _remembered(entry: registry.Entry) -> registry.Entry:
 # which returns None for words that are not of its form.
 _LOOKS: tuple[Callable[[str], registry.Entry | None], ...] = (
     registry.get,
-    _in_a_file,
     _in_gymnasium,
+    _in_a_file,
     _with_settings,
     lambda word: _FOUND.get(word),
 )

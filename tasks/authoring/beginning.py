@@ -10,6 +10,10 @@ from tasks.authoring.model import Found, look
 
 _MAX_STEPS = 200
 _AXES = "xyz"
+_IDLE = (
+    "no actuator drives {joints}: the task neither observes them nor sets them at starts; add "
+    "sensors and observation_parts for those that matter"
+)
 _TEMPLATE = Path(__file__).with_name("template.txt")  # of the task file
 
 
@@ -46,6 +50,8 @@ def begin(name: str, model: Path, point: str | None = None) -> Begun:
     if spec.option.integrator == int(mujoco.mjtIntegrator.mjINT_RK4):
         spec.option.integrator = int(mujoco.mjtIntegrator.mjINT_IMPLICITFAST)
         notes.append("the integrator RK4, which training cannot step, became implicitfast")
+    if found.idle:
+        notes.append(_IDLE.format(joints=", ".join(found.idle)))
     spec.modelname = name
     spec.compile()
     return Begun(_code(name, model, found), spec.to_xml(), notes)
@@ -110,6 +116,7 @@ def _code(name: str, model: Path, found: Found) -> str:
         names=_tuple(repr(joint.name).replace("'", '"') for joint in joints),
         low=_list(joint.low for joint in joints),
         high=_list(joint.high for joint in joints),
+        rest=_list(joint.rest for joint in joints),
         positions=list(range(first, first + 2 * count, 2)),
         velocities=list(range(first + 1, first + 2 * count, 2)),
         place=[first + 2 * count + axis for axis in axes],

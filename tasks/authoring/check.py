@@ -155,7 +155,7 @@ def _cameras(entry: registry.Entry) -> Iterator[Finding]:
             "the model has no light: videos are dark",
             "add a <light>, or build the arena with tasks.scenes.build, which has two",
         )
-    hinges = model.jnt_type == int(mujoco.mjtJoint.mjJNT_HINGE)
+    hinges = (model.jnt_type == int(mujoco.mjtJoint.mjJNT_HINGE)) & (model.jnt_limited == 1)
     if (np.abs(model.jnt_range[hinges]) > 2 * _WHOLE_TURN).any():
         yield Finding(
             "doubtful",
@@ -275,17 +275,17 @@ def _starts(entry: registry.Entry) -> Iterator[Finding]:
                 "draw start and goal apart, or make the threshold smaller",
             )
         pairs = (
-            ("goals", spec.goal_space, state.desired_goal, 1.0),
-            ("starts", spec.goal_space, state.achieved_goal, 1.1),
-            ("starts", spec.subgoal_space, state.achieved_subgoal, 1.1),
+            ("goals", "goal", spec.goal_space, state.desired_goal, 1.0),
+            ("starts", "goal", spec.goal_space, state.achieved_goal, 1.1),
+            ("starts", "subgoal", spec.subgoal_space, state.achieved_subgoal, 1.1),
         )
-        for what, space, points, most in pairs:
+        for what, which, space, points, most in pairs:
             outside = (np.abs(space.normalise(points)) > most).any(axis=0)
             for name in np.array(space.names)[outside]:
                 good = False
                 yield Finding(
                     "doubtful",
-                    f"some {what} of {kind} episodes lie outside the bounds of {name}",
+                    f"some {what} of {kind} episodes lie outside the {which} space in {name}",
                     "widen low and high of that dimension",
                 )
     if good:

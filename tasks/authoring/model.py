@@ -10,6 +10,8 @@ _DRAWS = 2000  # random postures, to see where the point comes
 _PLAYED = 4000  # control steps of random actions, to see how fast joints turn
 _SAME = 1e-3  # a coordinate of the point that moves less is none of the goal's
 _HINGE, _SLIDE = int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE)
+_ON_JOINT, _ON_TENDON = int(mujoco.mjtTrn.mjTRN_JOINT), int(mujoco.mjtTrn.mjTRN_TENDON)
+_WRAPS_JOINT = int(mujoco.mjtWrap.mjWRAP_JOINT)
 
 
 class Joint(NamedTuple):
@@ -19,6 +21,7 @@ class Joint(NamedTuple):
     hinge: bool
     low: float  # of starts
     high: float
+    rest: float  # in the model as it is written
     limited: bool
     speed: float  # what its velocity is divided by
 
@@ -27,7 +30,8 @@ class Found(NamedTuple):
     """What the task is made from."""
 
     joints: list[Joint]
-    point: str  # the site or body whose place is the goal
+    idle: list[str]  # joints that the agent does not drive
+    point: str  # the site, or the body by its centre of mass, whose place is the goal
     kind: str  # site or body
     axes: list[int]  # the coordinates of the point that move
     low: np.ndarray  # [3] where it comes
@@ -59,23 +63,40 @@ def look(model: mujoco.MjModel, path: str, point: str | None) -> Found:
     low, high = places.min(axis=0), places.max(axis=0)
     axes = [i for i in range(3) if high[i] - low[i] > _SAME]
     if not axes:
-        raise ValueError(f"{path}: {kind} {point} stays where it is; name another with --point")
+        raise ValueError(
+            f"{path}: no actuator moves the {kind} {point}; name another with --point: "
+            f"{', '.join(_names(model))}"
+        )
     substeps = max(1, round(_CONTROL / model.opt.timestep))
     speeds = _speeds(model, substeps)
     joints = [_joint(model, i, speeds) for i in driven]
+    idle = [model.joint(i).name or str(i) for i in range(model.njnt) if i not in driven]
     return Found(
-        joints, point, kind, axes, low, high, substeps * model.opt.timestep, model.nsensordata
-    )
+        joints, idle, point, kind, axes, low, high, substeps * model.opt.timestep,
+        model.nsensordata,
+    )  # fmt: skip
 
 
 def _driven(model: mujoco.MjModel) -> list[int]:
-    """Hinges and slides that actuators act on; all, where actuators act on something else."""
+    """Hinges and slides that actuators act on, also by tendons; all, where it is not clear."""
     simple = [i for i in range(model.njnt) if model.jnt_type[i] in (_HINGE, _SLIDE)]
-    on_joints = model.actuator_trntype == int(mujoco.mjtTrn.mjTRN_JOINT)
-    if not on_joints.all():
-        return simple
-    acted = {int(i) for i in model.actuator_trnid[:, 0]}
+    acted: set[int] = set()
+    for kind, on in zip(model.actuator_trntype, model.actuator_trnid[:, 0], strict=True):
+        joints = {int(on)} if kind == _ON_JOINT else set()
+        if kind == _ON_TENDON:
+            wraps = slice(model.tendon_adr[on], model.tendon_adr[on] + model.tendon_num[on])
+            joints = set(model.wrap_objid[wraps][model.wrap_type[wraps] == _WRAPS_JOINT].tolist())
+        if not joints:
+            return simple
+        acted |= joints
     return [i for i in simple if i in acted]
+
+
+def _names(model: mujoco.MjModel) -> list[str]:
+    """The sites and bodies that have names."""
+    sites = sorted(model.site(i).name for i in range(model.nsite))
+    bodies = [model.body(i).name for i in range(1, model.nbody)]
+    return [name for name in (*sites, *bodies) if name]
 
 
 def _point(
@@ -88,7 +109,7 @@ def _point(
         return name, "site"
     if name is not None and name not in bodies:
         raise ValueError(f"{path} has no site or body {name!r}; it has "
-                           f"{', '.join([*sorted(sites), *bodies])}")  # fmt: skip
+                           f"{', '.join(_names(model))}")  # fmt: skip
     if name is not None:
         return name, "body"
     moved = {int(model.jnt_bodyid[i]) for i in driven}
@@ -123,7 +144,7 @@ def _places(model: mujoco.MjModel, driven: list[int], point: str, kind: str) -> 
         for i in driven:
             data.qpos[model.jnt_qposadr[i]] = rng.uniform(*_range(model, i))
         mujoco.mj_kinematics(model, data)
-        at = data.site(point).xpos if kind == "site" else data.body(point).xpos
+        at = data.site(point).xpos if kind == "site" else data.body(point).xipos
         places.append(at.copy())
     return np.array(places)
 
@@ -146,4 +167,5 @@ def _joint(model: mujoco.MjModel, i: int, speeds: np.ndarray) -> Joint:
     low, high = _range(model, i)
     speed = float(f"{max(speeds[model.jnt_dofadr[i]], 1e-2):.2g}")
     hinge, limited = model.jnt_type[i] == _HINGE, bool(model.jnt_limited[i])
-    return Joint(model.joint(i).name, bool(hinge), low, high, limited, speed)
+    rest = float(model.qpos0[model.jnt_qposadr[i]])
+    return Joint(model.joint(i).name, bool(hinge), low, high, rest, limited, speed)

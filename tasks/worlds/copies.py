@@ -31,6 +31,29 @@ _UNDETERMINED = (
     "results are to depend on seeds alone; let the environment draw from self.np_random after "
     "super().reset(seed=seed)"
 )
+_FAILED = "{word}: its {what} failed: {error}"
+_RETURNED = "it returned {given}, and Gymnasium's returns {wanted}"
+_TUPLES = {
+    "reset": ("observation", "info"),
+    "step": ("observation", "reward", "terminated", "truncated", "info"),
+}
+_SHARED = (
+    "{word}: copies of it are not independent: what one does changes another's episode. Keep its "
+    "state in the instance, not in the class or the module"
+)
+_ODD_GOALS = (
+    "{word}: its {key} is {space}; goals are arrays of numbers here (a Box): wrap the environment, "
+    "so that it gives one"
+)
+_UNLIKE_GOALS = (
+    "{word}: its achieved_goal has the shape {achieved} and its desired_goal {desired}: they are "
+    "to be alike, for hindsight puts one in the other's place"
+)
+_PICTURES = (
+    "{word}: its observations are {count} numbers, as pictures are; networks here take a few "
+    "hundred: choose what to observe, as with gymnasium's FilterObservation"
+)
+_MOST_NUMBERS = 5000
 GLOBAL_RANDOM = (
     "it draws from numpy's or Python's global random generators, which are seeded for it here"
 )
@@ -38,6 +61,10 @@ _PROBE_SEED, _PROBE_STEPS = 123, 5
 _BROKEN = [  # MuJoCo's warnings after which it resets the state in mid-episode
     int(getattr(mujoco.mjtWarning, f"mjWARN_BAD{what}")) for what in ("QPOS", "QVEL", "QACC")
 ]
+
+
+class EnvFailed(ValueError):
+    """The environment's own code raised something; one line says what."""
 
 
 class Options(NamedTuple):
@@ -83,9 +110,13 @@ class Reader:
         if options.goal and not options.threshold:
             raise ValueError(_NO_THRESHOLD.format(word=word, goal=options.goal))
         parts = space.spaces if isinstance(space, gymnasium.spaces.Dict) else {}
+        if self.goals:
+            _check_goals(word, parts)
         self._space = parts["observation"] if self.goals else space
         self._goal_space = parts["desired_goal"] if self.goals else None
         size = gymnasium.spaces.flatdim(self._space)
+        if size > _MOST_NUMBERS:
+            raise ValueError(_PICTURES.format(word=word, count=size))
         text, _, fixed = options.goal.partition("=")
         self._goal_at = None if self.goals else _indices("--goal", text, size, "=VALUES")
         self.fixed_goal = self._fixed(fixed) if fixed else None
@@ -161,6 +192,16 @@ def _has_goals(env: gymnasium.Env) -> bool:
     return there and _method(env, "compute_reward") is not None
 
 
+def _check_goals(word: str, parts: Mapping[str, gymnasium.Space]) -> None:
+    """Refuses goals that are no arrays of numbers, or not alike."""
+    for key in _GOAL_KEYS[1:]:
+        if parts[key].shape is None:
+            raise ValueError(_ODD_GOALS.format(word=word, key=key, space=_kind(parts[key])))
+    achieved, desired = (parts[key].shape for key in _GOAL_KEYS[1:])
+    if achieved != desired:
+        raise ValueError(_UNLIKE_GOALS.format(word=word, achieved=achieved, desired=desired))
+
+
 def _method(env: gymnasium.Env, name: str) -> Callable | None:
     """A method of the environment or of a wrapper around it."""
     try:
@@ -210,13 +251,18 @@ class EnvCopy:
         self._warned = 0  # warnings of MuJoCo at the start of the episode
 
     def reset(self, seed: int, options: Mapping[str, Any] | None, goal: np.ndarray | None) -> View:
+        """The start of an episode.
+
+        Raises:
+          EnvFailed: the environment raised something.
+        """
         self.goal = goal
         given = {} if options is None else {"options": dict(options)}
         with _global_random(None) if self._seeds_global else contextlib.nullcontext():
             if self._seeds_global:
                 np.random.seed(seed)
                 random.seed(seed)
-            self._seen, _ = self.env.reset(seed=seed, **given)
+            self._seen, _ = self._asked("reset", seed=seed, **given)
             self._random = _states() if self._seeds_global else None
         self._warned = self._warnings()
         return self._reader.view(self._seen, goal)
@@ -257,13 +303,33 @@ class EnvCopy:
         return int(self.simulation[1].warning.number[_BROKEN].sum())
 
     def step(self, action: np.ndarray) -> tuple[View, bool, bool, Mapping[str, Any]]:
-        """The view after an action [A], whether the environment terminated or truncated, info."""
+        """The view after an action [A], whether the environment terminated or truncated, info.
+
+        Raises:
+          EnvFailed: as `reset`.
+        """
         own = action.astype(self._space.dtype).reshape(self._space.shape)
         with _global_random(self._random) if self._seeds_global else contextlib.nullcontext():
-            self._seen, _, terminated, truncated, info = self.env.step(own)
+            self._seen, _, terminated, truncated, info = self._asked("step", own)
             if self._seeds_global:
                 self._random = _states()
         return self._reader.view(self._seen, self.goal), bool(terminated), bool(truncated), info
+
+    def _asked(self, method: str, *args: Any, **given: Any) -> tuple:
+        """What the environment's reset or step returns."""
+        wanted = _TUPLES[method]
+        try:
+            returned = getattr(self.env, method)(*args, **given)
+            if not isinstance(returned, tuple) or len(returned) != len(wanted):
+                count = f"{len(returned)} things" if isinstance(returned, tuple) else "no tuple"
+                raise TypeError(_RETURNED.format(given=count, wanted=", ".join(wanted)))
+        except Exception as error:  # another's code can raise anything
+            reason = " ".join(f"{type(error).__name__}: {error}".split())
+            options = f"options={given['options']}" if given.get("options") else ""
+            raise EnvFailed(
+                _FAILED.format(word=self._reader.word, what=f"{method}({options})", error=reason)
+            ) from error
+        return returned
 
 
 def _states() -> tuple:
@@ -309,7 +375,8 @@ class Pool:
         self._seeds_global = False
         self._copies = [EnvCopy(first, self.reader, False)]
         self._check_seeds()
-        self.reader.learn_what_is_there(self._probe(self._copies[0]))
+        self._check_independence()
+        self.reader.learn_what_is_there(list(self._probe(self._copies[0])))
 
     @property
     def env(self) -> gymnasium.Env:
@@ -333,28 +400,44 @@ class Pool:
 
     def _check_seeds(self) -> None:
         """Plays one seed three times, the third time in a copy of its own."""
-        copy = self._copies[0]
-        different = self._differ(copy, self.copies(2)[1])
+        different = self._differ()
         if different:
             self._seeds_global = True
             self._copies = [EnvCopy(own.env, self.reader, True) for own in self._copies]
-            if self._differ(*self._copies):
+            if self._differ():
                 raise ValueError(_UNDETERMINED.format(word=self.word, what=different))
             self.notes.append(GLOBAL_RANDOM)
 
-    def _differ(self, copy: EnvCopy, other: EnvCopy) -> str:
+    def _differ(self) -> str:
         """What differs between episodes of one seed, if anything does."""
-        first, again, elsewhere = self._probe(copy), self._probe(copy), self._probe(other)
-        for step, shown in enumerate(zip(first, again, elsewhere, strict=True)):
-            for fields in zip(*shown, strict=True):
-                if not all(np.array_equal(fields[0], own, equal_nan=True) for own in fields[1:]):
-                    return "what follows from actions" if step else "the start and goal"
+        copy, other = self.copies(2)
+        first, again, elsewhere = (list(self._probe(own)) for own in (copy, copy, other))
+        for step, views in enumerate(zip(first, again, elsewhere, strict=True)):
+            if not (_equal(views[0], views[1]) and _equal(views[0], views[2])):
+                return "what follows from actions" if step else "the start and goal"
         return ""
 
-    def _probe(self, copy: EnvCopy) -> list[View]:
-        """The start of an episode of one seed."""
+    def _check_independence(self) -> None:
+        """Plays an episode alone, and once more with another copy's steps between its own."""
+        copy, other = self.copies(2)
+        alone = list(self._probe(copy))
+        both = zip(self._probe(copy), self._probe(other, _PROBE_SEED + 1), strict=True)
+        if not all(map(_equal, alone, (view for view, _ in both))):
+            raise ValueError(_SHARED.format(word=self.word))
+
+    def _probe(self, copy: EnvCopy, seed: int = _PROBE_SEED) -> Iterator[View]:
+        """The start of an episode, step by step; after its end, its last view."""
         rng = np.random.default_rng(_PROBE_SEED)
         low, high = self.actions.low.ravel(), self.actions.high.ravel()
-        views = [copy.reset(_PROBE_SEED, self._options.train, None)]
-        views += [copy.step(rng.uniform(low, high))[0] for _ in range(_PROBE_STEPS)]
-        return views
+        view, over = copy.reset(seed, self._options.train, None), False
+        yield view
+        for _ in range(_PROBE_STEPS):
+            action = rng.uniform(low, high)
+            if not over:
+                view, terminated, truncated, _ = copy.step(action)
+                over = terminated or truncated
+            yield view
+
+
+def _equal(view: View, other: View) -> bool:
+    return all(np.array_equal(*parts, equal_nan=True) for parts in zip(view, other, strict=True))

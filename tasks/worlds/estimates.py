@@ -18,6 +18,7 @@ _TAIL = 0.005  # share of what was seen that may lie beyond each bound
 _WIDER = 0.1  # bounds are wider than what was seen, by this share on each side
 _CENTRED = 0.2  # an offset below this share of the range is none
 _LEAST_SCALE = 1e-3
+_FARTHEST = 10.0  # no number that was seen comes out beyond it
 _LAYERS = (1, 2)
 _TIMES = ("observation", "achieved_goal", "achieved_subgoal")  # fields of Played by time
 
@@ -56,6 +57,7 @@ class Played(NamedTuple):
         return np.arange(len(self.observation))[:, None] <= self.steps
 
 
+Ends = tuple[np.ndarray, np.ndarray]
 Act = Callable[[int, Any], np.ndarray]  # time, what the environments show -> actions [N, A]
 
 
@@ -132,23 +134,40 @@ def random_episodes(
     most = max(8, _MOST_STEPS // about.max_steps)
     rounds = max(2, min(episodes, most) // _COPIES)
     env, parts = env_of(_COPIES), []
+    judge = about.judge if about.draws_goals else _no_goals
     rng = np.random.default_rng(seed)
     for test in (False, True) * (rounds // 2):
         act = random_actions(about, _COPIES, int(rng.integers(2**32)))
         seeds = rng.integers(2**32, size=_COPIES)
-        parts.append(play(env, about.judge, act, seeds, test=test))
+        parts.append(play(env, judge, act, seeds, test=test))
     asked = [
         env.reset(rng.integers(2**32, size=_COPIES), test=test).desired_goal
         for test in (False, True) * _MORE_GOALS
     ]
     played = joined(parts)
+    if not about.draws_goals:
+        return _given_goals(about, played, rng)
     return played._replace(asked=np.concatenate([played.asked, *asked]))
+
+
+def _no_goals(achieved: np.ndarray, goal: np.ndarray) -> np.ndarray:
+    """The judge where it is not known yet where end goals may be."""
+    del goal
+    return np.zeros(achieved.shape[:-1], bool)
+
+
+def _given_goals(about: About, played: Played, rng: np.random.Generator) -> Played:
+    """Episodes that were played without end goals, as if each had had one where they all came."""
+    low, high = _goal_bounds(about, played)
+    goals = rng.uniform(low, high, played.achieved_goal.shape[1:])  # [E, G]
+    there = about.judge(played.achieved_goal, goals) & played.alive()  # [T + 1, E]
+    return played._replace(asked=goals, held=there[0], success=there[1:].any(axis=0))
 
 
 def settings(about: About, played: Played) -> Settings:
     """What a task needs to be trained on, from episodes that were played on it."""
     alive = played.alive()
-    offset, scale = scales(played.observation[alive])
+    offset, scale = scales(played.observation[alive], _observed_goals(about, played))
     max_steps = _max_steps(about, played)
     low, high = _goal_bounds(about, played)
     reached = played.achieved_subgoal[alive]
@@ -157,7 +176,8 @@ def settings(about: About, played: Played) -> Settings:
     sub_low, sub_high = bounds(reached, *goals)
     width = sub_high - sub_low
     horizons = {layers: attempts(played, max_steps, layers, width) for layers in _LAYERS}
-    goal_widths = judging.half_widths(about.judge, _some(about, played), high - low)
+    farthest = np.full(len(low), _FARTHEST * (high - low).max())
+    goal_widths = judging.half_widths(about.judge, _some(about, played), farthest)
     goal_widths = np.maximum(goal_widths, 1e-4 * (high - low))
     near = subgoal_threshold(
         played, horizons[1][0], width, np.where(shared >= 0, goal_widths[shared], np.nan)
@@ -176,28 +196,49 @@ def settings(about: About, played: Played) -> Settings:
     )
 
 
-def scales(observation: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def scales(observation: np.ndarray, goals: Ends | None = None) -> Ends:
     """What to subtract from observations [K, D], and to divide by, to come out about [-1, 1].
 
-    Numbers that lie about 0 keep it: their offset is 0.
+    Numbers that lie about 0 keep it: their offset is 0. One that stood still comes out as 0, and
+    keeps its unit, for it may move after all.
+
+    Args:
+      goals: [D] low and high ends that are to be within as well; NaN: none.
     """
     low, high = np.quantile(observation, [_TAIL, 1 - _TAIL], axis=0)
+    if goals is not None:
+        low, high = np.fmin(low, goals[0]), np.fmax(high, goals[1])
     middle, half = (low + high) / 2, (high - low) / 2
     largest = np.maximum(np.abs(low), np.abs(high))
     off_centre = np.abs(middle) > _CENTRED * half
-    # A number that stands still says nothing, and comes out as 0.
-    offset = np.where(off_centre, middle, 0.0)
+    offset = _rounded(np.where(off_centre, middle, 0.0))
     scale = np.where(off_centre, half, largest) * (1 + _WIDER)
-    return _rounded(offset), _rounded(np.maximum(scale, _LEAST_SCALE), up=True)
+    # What is seldom seen, such as a touch, is beyond the ends, but not far beyond.
+    scale = np.maximum(scale, np.abs(observation - offset).max(axis=0) / _FARTHEST)
+    scale = np.where(np.ptp(observation, axis=0) == 0, 1.0, np.maximum(scale, _LEAST_SCALE))
+    return offset, _rounded(scale, up=True)
 
 
-def bounds(*groups: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _observed_goals(about: About, played: Played) -> Ends:
+    """Where end goals are, for numbers of the observation that are the achieved goal's: [D] each.
+
+    An agent that learns to go there will see them there. NaN for other numbers.
+    """
+    low, high = np.full((2, played.observation.shape[-1]), np.nan)
+    for i, asked in enumerate(_asked(about, played).T):
+        same = (played.observation == played.achieved_goal[..., i, None]).all(axis=(0, 1))
+        low[same], high[same] = np.quantile(asked, [_TAIL, 1 - _TAIL])
+    return low, high
+
+
+def bounds(*groups: np.ndarray) -> Ends:
     """Bounds of what was seen, groups [K, G]; a little wider, never without width or infinite."""
     each = [np.quantile(group, [_TAIL, 1 - _TAIL], axis=0) for group in groups]
     low, high = (np.stack(ends) for ends in zip(*each, strict=True))
     low, high = low.min(axis=0), high.max(axis=0)
-    least = 1e-3 * np.maximum(1.0, np.abs(low))
-    margin = np.maximum(_WIDER * (high - low), least)
+    size = np.maximum(1.0, np.abs(low))
+    still = high - low <= 1e-9 * size
+    margin = np.maximum(_WIDER * (high - low), np.where(still, 1e-3 * size, 1e-3))
     width = high - low + 2 * margin
     step = 10.0 ** (np.floor(np.log10(width)) - 2)  # three digits of the width
     return np.floor((low - margin) / step) * step, np.ceil((high + margin) / step) * step
@@ -244,7 +285,7 @@ def subgoal_threshold(
     In dimensions that the goal space has as well, what achieves a goal there; elsewhere a fifth of
     how far T_0 steps carry, within some hundredths of the space. In all of them less than half the
     way of T_0 steps, or standing still would do; and at least half the way of one, or it would be
-    jumped over.
+    jumped over. A dimension in which every place achieves the goal stays one.
 
     Args:
       goal_widths: [H] half the width of an end goal; NaN in dimensions that are no goal's.
@@ -254,7 +295,11 @@ def subgoal_threshold(
     near = np.where(np.isnan(goal_widths), near, goal_widths)
     moves = far > 0.05 * width  # what seldom moves says nothing of how far it can
     near = np.where(moves, np.minimum(near, 0.5 * far), near)
-    return _rounded(np.clip(near, 0.5 * one, width / 4), up=True)
+    near = np.clip(near, 0.5 * one, width / 4)
+    anywhere = goal_widths >= width
+    if not anywhere.all():
+        near = np.where(anywhere, goal_widths, near)
+    return _rounded(near, up=True)
 
 
 def _asked(about: About, played: Played) -> np.ndarray:
@@ -269,7 +314,7 @@ def _some(about: About, played: Played) -> np.ndarray:
     return _asked(about, played)[-64:]
 
 
-def _goal_bounds(about: About, played: Played) -> tuple[np.ndarray, np.ndarray]:
+def _goal_bounds(about: About, played: Played) -> Ends:
     """Where end goals are asked for; in dimensions in which all are alike, what is reached too."""
     asked = bounds(_asked(about, played))
     both = bounds(_asked(about, played), played.achieved_goal[played.alive()])

@@ -10,7 +10,15 @@ from tasks import goal_space
 
 Judge = Callable[[np.ndarray, np.ndarray], np.ndarray]  # achieved, goal [..., G] -> bool [...]
 
-_NEEDS_INFO = "{word}: compute_reward(achieved_goal, desired_goal, {{}}) failed: {error}"
+_NEEDS_INFO = (
+    "{word}: compute_reward(achieved_goal, desired_goal, {{}}) failed: {error}. It is to return a "
+    "number for any two goals, without an info: hindsight asks about goals that were never played; "
+    "or give --goal_threshold"
+)
+_ALWAYS = (
+    "{word}: its compute_reward is {only} for all of {count} pairs of goals, so it does not say "
+    "what counts as achieved; give --goal_threshold"
+)
 _DENSE = (
     "{word}: its compute_reward gives {count} different rewards, so it does not say what counts as "
     'achieved: ask for sparse rewards (often --task_args=\'{{"reward_type": "sparse"}}\'), or give '
@@ -63,37 +71,49 @@ def by_reward(
       ValueError: the rewards do not tell achieved from not; one line says what to do.
     """
 
-    def one(a: np.ndarray, g: np.ndarray) -> float:
-        return float(
-            compute_reward(a.astype(dtype).reshape(shape), g.astype(dtype).reshape(shape), {})
-        )
-
-    def one_by_one(a: np.ndarray, g: np.ndarray) -> np.ndarray:
-        return np.array([one(x, y) for x, y in zip(a, g, strict=True)])
-
-    def at_once(a: np.ndarray, g: np.ndarray) -> np.ndarray:
-        many = (len(a), *shape)
-        rewards = compute_reward(a.astype(dtype).reshape(many), g.astype(dtype).reshape(many), {})
-        return np.asarray(rewards, np.float64)
-
-    a, g = np.concatenate([goals, achieved]), np.concatenate([goals, goals])
+    rewards = _Rewards(compute_reward, shape, dtype)
+    # Those of other episodes as well: one's own may all begin at the goal.
+    a = np.concatenate([goals, achieved, np.roll(achieved, len(achieved) // 2, axis=0)])
+    g = np.concatenate([goals, goals, goals])
     try:
-        rewards = one_by_one(a, g)
+        found = rewards.one_by_one(a, g)
     except Exception as error:  # another's function can raise anything
         reason = " ".join(f"{type(error).__name__}: {error}".split())
         raise ValueError(_NEEDS_INFO.format(word=word, error=reason)) from error
-    least = _least_of_success(word, rewards, len(goals))
-    rewards_of = at_once if _same(at_once, a, g, rewards) else one_by_one
+    least = _least_of_success(word, found, len(goals))
+    ask = rewards.at_once if _same(rewards.at_once, a, g, found) else rewards.one_by_one
     return lambda a, g: (
-        rewards_of(a.reshape(-1, a.shape[-1]), g.reshape(-1, g.shape[-1])).reshape(a.shape[:-1])
-        >= least
+        ask(a.reshape(-1, a.shape[-1]), g.reshape(-1, g.shape[-1])).reshape(a.shape[:-1]) >= least
     )
+
+
+class _Rewards:
+    """What an environment's `compute_reward` says of achieved goals and goals: [K, G] each, [K]."""
+
+    def __init__(self, compute_reward: Callable[..., Any], shape: tuple[int, ...], dtype: Any):
+        self._compute_reward, self._shape, self._dtype = compute_reward, shape, dtype
+
+    def one_by_one(self, achieved: np.ndarray, goals: np.ndarray) -> np.ndarray:
+        pairs = zip(self._own(achieved), self._own(goals), strict=True)
+        rewards = [self._compute_reward(a, g, {}) for a, g in pairs]
+        return np.array([np.asarray(reward, np.float64).item() for reward in rewards])
+
+    def at_once(self, achieved: np.ndarray, goals: np.ndarray) -> np.ndarray:
+        rewards = self._compute_reward(self._own(achieved), self._own(goals), {})
+        return np.asarray(rewards, np.float64).reshape(len(achieved))
+
+    def _own(self, goals: np.ndarray) -> np.ndarray:
+        """As the environment has them; of whole numbers the nearest."""
+        whole = np.rint(goals) if np.issubdtype(self._dtype, np.integer) else goals
+        return whole.astype(self._dtype).reshape(len(goals), *self._shape)
 
 
 def _least_of_success(word: str, rewards: np.ndarray, at_goal: int) -> float:
     """Between the reward at the goal (the first `at_goal` pairs) and the one elsewhere."""
     values = np.unique(rewards)
     best = rewards[:at_goal].min()
+    if len(values) == 1:
+        raise ValueError(_ALWAYS.format(word=word, only=best, count=len(rewards)))
     if len(values) > 2:
         raise ValueError(_DENSE.format(word=word, count=len(values)))
     if best < values[-1]:
@@ -110,7 +130,9 @@ def _same(at_once: Callable, a: np.ndarray, g: np.ndarray, rewards: np.ndarray) 
 
 
 def half_widths(judge: Judge, goals: np.ndarray, most: np.ndarray) -> np.ndarray:
-    """How far along each dimension from a goal it still counts as achieved, by bisection: [G].
+    """How far along each dimension, either way, a goal still counts as achieved: [G].
+
+    By bisection.
 
     Args:
       goals: [K, G]; the median over them is given.
@@ -121,9 +143,8 @@ def half_widths(judge: Judge, goals: np.ndarray, most: np.ndarray) -> np.ndarray
         inside, outside = np.zeros(len(goals)), np.full(len(goals), most[dimension])
         for _ in range(30):
             middle = (inside + outside) / 2
-            moved = goals.copy()
-            moved[:, dimension] += middle
-            holds = judge(moved, goals)
+            step = np.eye(len(most))[dimension] * middle[:, None]
+            holds = judge(goals + step, goals) & judge(goals - step, goals)
             inside, outside = np.where(holds, middle, inside), np.where(holds, outside, middle)
         widths[:, dimension] = inside
     return np.median(widths, axis=0)

@@ -4,6 +4,7 @@ import contextlib
 import copy
 import importlib
 import importlib.util
+import inspect
 import types
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any, Generic, TypeVar
@@ -13,8 +14,10 @@ import mujoco
 import numpy as np
 
 _NO_MODULE = (
-    "{word}: there is no module {module!r} to import, which should register {id!r}: {error}"
+    "{word}: there is no module {module!r} to import, which should register {id!r}; a file of your "
+    "own is named without .py, and found in the folders of PYTHONPATH"
 )
+_BROKEN_MODULE = "{word}: importing {module!r}, which should register {id!r}, failed: {error}"
 _NOT_MADE = "{word}: gymnasium.make({id!r}{args}) failed: {error}"
 _UNKNOWN_HINT = "; name the module that registers it, as in gym:gymnasium_robotics:{id}"
 _DISCRETE = (
@@ -40,11 +43,11 @@ def maker(word: str, id: str, args: Mapping[str, Any]) -> Callable[[], gymnasium
 
     def make() -> gymnasium.Env:
         _import(word, id)
-        options = dict(args)
-        if _renders(id) and "render_mode" not in options:
-            options["render_mode"] = "rgb_array"
+        frames = {"render_mode": "rgb_array"} if _renders(id) else {}
         try:
-            return gymnasium.make(id, max_episode_steps=-1, disable_env_checker=True, **options)
+            return gymnasium.make(
+                id, max_episode_steps=-1, disable_env_checker=True, **{**frames, **args}
+            )
         except Exception as error:  # another's constructor can raise anything
             raise ValueError(_why(word, id, args, error)) from error
 
@@ -61,13 +64,19 @@ def _import(word: str, id: str) -> None:
     for each in modules:
         try:
             importlib.import_module(each)
-        except Exception as error:
+        except Exception as error:  # another's module can raise anything
             reason = " ".join(f"{type(error).__name__}: {error}".split())
-            raise ValueError(
-                _NO_MODULE.format(word=word, module=each, id=name, error=reason)
-            ) from error
+            missing = isinstance(error, ModuleNotFoundError) and error.name in _parents(each)
+            why = _NO_MODULE if missing else _BROKEN_MODULE
+            raise ValueError(why.format(word=word, module=each, id=name, error=reason)) from error
         if each in _PACKAGES:
             mend_gymnasium_robotics()
+
+
+def _parents(module: str) -> list[str]:
+    """The module `a.b.c` and the packages that it is in: a, a.b."""
+    parts = module.split(".")
+    return [".".join(parts[: i + 1]) for i in range(len(parts))]
 
 
 def _installed(package: str) -> bool:
@@ -83,14 +92,20 @@ def _why(word: str, id: str, args: Mapping[str, Any], error: Exception) -> str:
 
 
 def _renders(id: str) -> bool:
-    """Whether the environment of a registered id can give frames."""
+    """Whether the environment of a registered id can give frames, and be asked for them."""
     try:
         entry: Any = gymnasium.spec(id.rpartition(":")[2]).entry_point
         if isinstance(entry, str):
             entry = gymnasium.envs.registration.load_env_creator(entry)
     except Exception:  # `make` says what is wrong
         return False
-    return "rgb_array" in getattr(entry, "metadata", {}).get("render_modes", ())
+    modes = (getattr(entry, "metadata", None) or {}).get("render_modes", ())
+    return "rgb_array" in modes and _takes(entry, "render_mode")
+
+
+def _takes(function: Callable, keyword: str) -> bool:
+    parameters = inspect.signature(function).parameters.values()
+    return any(own.name == keyword or own.kind is own.VAR_KEYWORD for own in parameters)
 
 
 def mend_gymnasium_robotics() -> None:

@@ -105,6 +105,8 @@ def _unreached(about: About, played: Played, settings: Settings) -> Iterator[str
     least, most = reached.min(axis=0), reached.max(axis=0)
     for i, name in enumerate(about.goal_names):
         low, high = settings.goal_low[i], settings.goal_high[i]
+        if settings.goal_threshold[i] >= high - low:
+            continue  # every place there will do
         share = (min(high, most[i]) - max(low, least[i])) / (high - low)
         if share < 0.5:
             yield _NOT_REACHED.format(

@@ -19,7 +19,6 @@ _TAKEN = (
     "{word}: another VectorEnv of this task has begun episodes in the same copies; copies are "
     "shared within tasks.find(...): call tasks.from_gymnasium for some of your own"
 )
-_STEP_FAILED = "{word}: environment {i} failed in step(): {error}"
 _SEEDS = 2**32  # seeds lie in [0, 2**32)
 _FRAMES = 30  # a second of video, where the environment does not say
 _THRESHOLDS = "{word}: --goal_threshold has {given} numbers; it takes one, or {count}"
@@ -50,8 +49,7 @@ class World:
     """A Gymnasium environment before its spaces are known: copies, a judge and a step limit.
 
         world = World("gym:PointMaze_UMaze-v3", make, Options(), max_steps=None)
-        spec = world.spec(world.estimate())
-        env = world.load_vector(64)
+        env = fitted.of_world(world).load_vector(64)
 
     Attributes:
       word: what messages call it.
@@ -163,6 +161,7 @@ class Adapter:
 
         Raises:
           ValueError: seeds that are not N integers in [0, 2**32).
+          EnvFailed: an environment raised something.
         """
         if seeds is None:
             seeds = self._seeds.randint(0, _SEEDS, size=self.num_envs, dtype=np.int64)
@@ -194,7 +193,8 @@ class Adapter:
 
         Raises:
           ValueError: an action is not finite, or an argument has the wrong shape.
-          RuntimeError: an environment raised something, or its copy plays for somebody else now.
+          EnvFailed: an environment raised something.
+          RuntimeError: its copy plays for somebody else now.
         """
         actions = np.asarray(actions, np.float64)
         if actions.shape != (self.num_envs, len(self.action_low)):
@@ -212,15 +212,9 @@ class Adapter:
             raise RuntimeError(_TAKEN.format(word=self._world.word))
         if not np.isfinite(action).all():
             raise ValueError(f"environment {i}: actions must be finite, got {action}")
-        try:
-            view, terminated, truncated, _ = copy.step(
-                np.clip(action, self.action_low, self.action_high)
-            )
-        except Exception as error:  # another's step can raise anything
-            reason = " ".join(f"{type(error).__name__}: {error}".split())
-            raise RuntimeError(
-                _STEP_FAILED.format(word=self._world.word, i=i, error=reason)
-            ) from error
+        view, terminated, truncated, _ = copy.step(
+            np.clip(action, self.action_low, self.action_high)
+        )
         self._steps[i] += 1
         self._over[i] = terminated or truncated
         ended = self._over[i] and self._steps[i] < self.max_steps

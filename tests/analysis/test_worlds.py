@@ -34,7 +34,7 @@ def test_all_worlds_are_printed_and_judged_against_the_strongest_flat_agent(fold
     lines = [line for line in printed.splitlines() if line.startswith("- ")]
     assert [line.partition(",")[0] for line in lines] == ["- Maze U-v3", "- Reacher"]
     assert "it helps" in lines[0] and "TD3" not in lines[0]
-    assert "it costs" in lines[1] and "TD3+HER" in lines[1]
+    assert "it loses" in lines[1] and "TD3+HER" in lines[1]
     assert printed.count("| reacher |") == 3 and "TD3+HER, without" in printed
     assert matplotlib.image.imread(folder / "shown" / "worlds.png").std() > 0.05
 

@@ -35,6 +35,25 @@ ARM = """
 """
 
 
+SWING = """
+<mujoco>
+  <option gravity="0 0 0"/>
+  <worldbody>
+    <body name="pole" euler="90 0 0">
+      <joint name="hinge" axis="0 0 1" ref="90" range="0 180" damping="0.1"/>
+      <geom type="capsule" fromto="0 0 0 0 -0.5 0" size=".05" mass="1"/>
+    </body>
+    <body name="box" pos="1 1 0">
+      <joint name="lid" axis="0 0 1"/>
+      <geom size=".1"/>
+    </body>
+  </worldbody>
+  <tendon><fixed name="cable"><joint joint="hinge" coef="2"/></fixed></tendon>
+  <actuator><motor tendon="cable" ctrlrange="-1 1"/></actuator>
+</mujoco>
+"""
+
+
 @pytest.fixture
 def arm(tmp_path, monkeypatch) -> Path:
     """The file of a task begun from a model."""
@@ -80,6 +99,21 @@ def test_and_it_trains(arm):
     assert result.rows[0]["train_steps"] > 0 and result.rows[0]["diverged_episodes"] == 0
 
 
+def test_goals_lie_in_the_space_of_a_task_whose_point_is_a_body(tmp_path, monkeypatch, capsys):
+    """Such as a hinge's own body, whose frame stays where it is."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "model.xml").write_text(SWING)
+    assert new_task.main(["new_task", "arm", "model.xml"]) == 0
+    assert "no actuator drives lid: " in capsys.readouterr().out
+    word = f"{tmp_path}/arm.py:arm"
+    assert len(tasks.spec(word).observation["velocities"]) == 1
+    state = tasks.load_vector(word, 64).reset(np.arange(64))
+    normal = tasks.spec(word).goal_space.normalise(state.desired_goal)
+    assert np.abs(normal).max(axis=0) == pytest.approx(0.95, abs=0.05)
+    start = tasks.load_vector(word, 64).reset(np.arange(64), test=True).achieved_goal
+    assert start.mean(axis=0) == pytest.approx([0.0, -0.25], abs=0.05)  # as it is written
+
+
 @pytest.mark.slow
 def test_gymnasiums_reacher_is_a_model_to_begin_from(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
@@ -108,7 +142,7 @@ def test_gymnasiums_reacher_is_a_model_to_begin_from(tmp_path, monkeypatch, caps
         ("lambda place: not _SPACE.achieved(place, goal)", "lambda place: "
          "_SPACE.achieved(place, goal)", "begin at their goal|no valid start"),
         ("        return goal\n", "        return goal + 9\n",
-         "hindsight teaches nothing|outside the bounds"),
+         "hindsight teaches nothing|outside the goal space"),
         ("observation_parts(self, readings):", "observation_parts(self, readings):\n"
          "        1 / 0", "does not load: ZeroDivisionError.*changed.py, line"),
         ("super().__init__(arena, _SPEC", "1 / 0\n        super().__init__(arena, _SPEC",

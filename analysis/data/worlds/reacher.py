@@ -17,6 +17,7 @@ _MJCF = str(Path(__file__).resolve().with_suffix(".xml"))
 _JOINTS = ("joint0", "joint1")
 _START_LOW = np.array([-3.14, -3.0])
 _START_HIGH = np.array([3.14, 3.0])
+_REST = np.array([0.0, 0.0])  # in the model as it is written
 
 # Readings are the sensors of the model, in its order. The last of them were added for this task:
 # each joint's position and velocity by turns, then the place of fingertip.
@@ -83,7 +84,7 @@ class Reacher(base.GoalTask):
 
         def propose():
             anywhere = random_state.uniform(_START_LOW, _START_HIGH)
-            rest = np.clip(np.zeros(len(_JOINTS)), _START_LOW, _START_HIGH)
+            rest = np.clip(_REST, _START_LOW, _START_HIGH)
             posture = rest + 0.1 * (anywhere - rest) if test else anywhere
             return self._place(physics, posture)
 

@@ -332,10 +332,9 @@ def test_the_report_shows_the_commands_that_the_manifest_records(folder):
     for seeds in ("--seeds=1", "--seeds=2"):
         recorded = manifest.add_launch(recorded, ["launch/run.py", seeds], 2, "cpu")
     manifest.write(folder.manifest, recorded)
-    expected = (
-        '<pre tabindex="0">python launch/run.py --seeds=1\npython launch/run.py --seeds=2</pre>'
-    )
-    assert expected in write_report(folder.path).read_text()
+    shown = write_report(folder.path).read_text().replace("<span>", "").replace("</span>", "")
+    for seeds in ("--seeds=1", "--seeds=2"):
+        assert f"<pre>python launch/run.py {seeds}</pre>" in shown
 
 
 @pytest.mark.parametrize("name", ["task", "max_steps", "horizons", "config", "jobs"])

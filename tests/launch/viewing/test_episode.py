@@ -104,7 +104,8 @@ def test_attempts_left_are_the_horizons_less_those_made():
     assert [(s.made, s.allowed) for s in episode.standings()] == [(0, 7), (0, 7), (0, None)]
     episode.advance()
     assert episode.standings()[0].made == 1
-    assert all(standing.value is None for standing in episode.standings())  # published: no critics
+    values = [standing.value for standing in episode.standings()]
+    assert max(values) <= 0  # Q in units of attempts
 
 
 @pytest.mark.parametrize("task", tasks.ALL)

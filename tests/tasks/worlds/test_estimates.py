@@ -83,11 +83,20 @@ RAMP = np.linspace(0.0, 10.0, 101)  # 0.1 a step
 
 def test_numbers_about_zero_stay_there_and_others_are_centred():
     rng = np.random.default_rng(0)
-    columns = rng.uniform([-1, 0, 99, 7], [1.1, 20, 101, 7], (4000, 4))
+    columns = rng.uniform([-1, 0, 99, 7, -1e-6], [1.1, 20, 101, 7, 1e-6], (4000, 5))
     offset, scale = estimates.scales(columns)
-    np.testing.assert_allclose(offset, [0, 10, 100, 7], rtol=0.02)
-    np.testing.assert_allclose(scale[:3], [1.2, 11, 1.1], rtol=0.05)
-    assert scale[3] == pytest.approx(1e-3)  # it stands still
+    np.testing.assert_allclose(offset, [0, 10, 100, 7, 0], rtol=0.02)
+    np.testing.assert_allclose(scale, [1.2, 11, 1.1, 1, 1e-3], rtol=0.05)  # the fourth stands still
+    columns[:3, 3] = 9.0  # but for a touch
+    offset, scale = estimates.scales(columns)
+    assert (offset[3], scale[3]) == (7, 0.2)
+
+
+def test_an_observed_goal_is_scaled_for_where_goals_are():
+    played = walk(np.stack([0.01 * RAMP] * 2, axis=1), asked=[[0.0], [4.0]])
+    settings = estimates.settings(about(), played)
+    high = settings.observation_offset[0] + settings.observation_scale[0]
+    assert 4.0 < high < 4.5
 
 
 def test_bounds_are_finite_and_have_width_whatever_was_seen():
@@ -95,6 +104,8 @@ def test_bounds_are_finite_and_have_width_whatever_was_seen():
     assert low[0] < 3 and high[0] > 5 and high[0] - low[0] < 3
     low, high = estimates.bounds(np.zeros((50, 1)))
     assert low[0] < 0 < high[0] < 0.1
+    low, high = estimates.bounds(4.5e6 + np.linspace(0.0, 10.0, 50)[:, None])
+    assert 11 < high[0] - low[0] < 13  # however far from zero
 
 
 def test_how_far_steps_carry():
@@ -122,6 +133,11 @@ def test_subgoal_thresholds_are_neither_met_by_standing_still_nor_jumped_over():
     assert near == pytest.approx(0.5)  # the goal's is met by standing still
     (near,) = estimates.subgoal_threshold(played, 10, width, np.array([0.001]))
     assert near == pytest.approx(0.05)  # half a step
+    flat = np.stack([RAMP, 0.02 + 1e-4 * RAMP], axis=1)  # a block that is pushed on a table
+    both = played._replace(achieved_subgoal=np.stack([flat] * 2, axis=1))
+    goals = np.array([0.05, 0.05])
+    near = estimates.subgoal_threshold(both, 10, np.array([10.0, 0.003]), goals)
+    np.testing.assert_allclose(near, 0.05)  # its height does not matter
 
 
 def test_the_goals_threshold_is_found_by_asking_the_judge():
@@ -129,6 +145,10 @@ def test_the_goals_threshold_is_found_by_asking_the_judge():
     settings = estimates.settings(about(), played)
     assert settings.goal_threshold == (0.25,)
     assert settings.goal_low[0] <= 1.0 and settings.goal_high[0] >= 9.0
+    one = estimates.settings(about(), walk(np.stack([RAMP] * 2, axis=1), asked=[[1.0], [1.1]]))
+    assert one.goal_threshold == (0.25,)  # which is wider than where goals are
+    above = about(judge=lambda a, g: (a >= g - 0.25).all(-1))
+    assert estimates.settings(above, played).goal_threshold == (0.25,)  # the nearer way
 
 
 # -- Warnings

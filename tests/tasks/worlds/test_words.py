@@ -69,7 +69,8 @@ def test_options_are_kept_and_tell_tasks_apart():
     ("word", "problem"),
     [
         ("gym:HacToy/Nowhere-v0", "gymnasium.make.*failed.*name the module"),
-        ("gym:no_such_module:X-v0", "no module 'no_such_module' to import"),
+        ("gym:no_such_module:X-v0", "no module 'no_such_module' to import.*PYTHONPATH"),
+        ("gym:tests/toys.py:X-v0", "named without .py"),
         ("gym:HacToy/PointForEver-v0", "no time limit of its own.*--max_steps=200"),
         ("gym:HacToy/Plain-v0", "--goal='obs"),
         (POINT + '?{"args":{"tarminates":true}}', "tarminates=True.*unexpected keyword"),
@@ -87,7 +88,8 @@ def test_a_wrong_word_is_answered_in_one_line(word, problem):
 
 def test_frames_are_asked_for_where_there_are_some():
     assert tasks.find(POINT).load_vector(1)._env._copies[0].env.unwrapped.render_mode == "rgb_array"
-    assert making.maker("p", "HacToy/Plain-v0", {})().unwrapped.render_mode is None
+    for unasked in ("HacToy/Plain-v0", "HacToy/OldApi-v0"):
+        assert making.maker("p", unasked, {})().unwrapped.render_mode is None
 
 
 @pytest.mark.slow

@@ -11,6 +11,7 @@ import hac_suite
 import tasks
 from hac_suite.algorithm import exploration, transitions
 from hac_suite.types import level_specs
+from tasks.worlds import copies
 from tests.tasks.worlds import toys
 from tests.tasks.worlds.playing import SEEDS, played, towards_goal, world
 
@@ -76,7 +77,8 @@ def test_an_end_goal_can_be_moved_where_the_environment_keeps_it_in_goal(monkeyp
     ("reward", "problem"),
     [
         ("dense", "gives [0-9]+ different rewards.*reward_type.*--goal_threshold"),
-        ("info", "compute_reward.*KeyError"),
+        ("info", "compute_reward.*KeyError.*without an info.*--goal_threshold"),
+        ("always", "is 0.0 for all of 384 pairs.*--goal_threshold"),
     ],
 )
 def test_a_reward_that_does_not_say_what_is_achieved_is_refused(reward, problem):
@@ -87,12 +89,22 @@ def test_a_reward_that_does_not_say_what_is_achieved_is_refused(reward, problem)
     assert boxed.goal_space.achieved(apart, np.zeros((2, 2))).tolist() == [True, False]
 
 
-def test_a_reward_for_one_pair_at_a_time_is_asked_for_one_by_one():
-    env, batched = world(reward="scalar"), world()
+@pytest.mark.parametrize("reward", ["scalar", "column"])
+def test_a_reward_of_another_form_judges_alike(reward):
+    env, batched = world(reward=reward), world()
     near = np.random.default_rng(0).uniform(-0.1, 0.1, (50, 2))
     judged = env.goal_space.achieved(near, np.zeros_like(near))
     np.testing.assert_array_equal(judged, batched.goal_space.achieved(near, np.zeros_like(near)))
     assert 0 < judged.sum() < 50
+
+
+def test_goals_of_whole_numbers_are_achieved_by_the_nearest_one():
+    env = tasks.from_gymnasium(toys.Cells, 2, max_steps=20)
+    goal = np.array([[3.0, 4.0]])
+    cells = goal + np.array([[0.4, -0.4], [0.6, 0.0], [0.0, -0.6]])
+    assert env.goal_space.achieved(cells, goal).tolist() == [True, False, False]
+    np.testing.assert_allclose(env.goal_space.threshold, 0.5, rtol=1e-3)
+    np.testing.assert_allclose(env.subgoal_space.threshold, 0.5, rtol=0.1)
 
 
 # -- Episodes
@@ -126,6 +138,11 @@ def test_an_environment_that_draws_from_the_global_generators_is_seeded_and_said
 def test_what_no_seed_determines_is_refused():
     with pytest.raises(ValueError, match=r"does not determine the start and goal.*np_random"):
         world(draws="system")
+
+
+def test_copies_that_are_not_independent_are_refused():
+    with pytest.raises(ValueError, match=r"Shared: copies of it are not independent.*instance"):
+        tasks.from_gymnasium(toys.Shared, max_steps=20)
 
 
 def test_an_environment_without_a_time_limit_asks_for_one():
@@ -243,5 +260,5 @@ def test_a_bad_action_and_an_error_in_the_environment_are_named():
     broken.reset(SEEDS[:2])
     for _ in range(8):
         broken.step(np.zeros((2, 2)))
-    with pytest.raises(RuntimeError, match=r"Broken: environment 0 failed.*KeyError: 'battery'"):
+    with pytest.raises(copies.EnvFailed, match=r"Broken: its step\(\) failed: KeyError: 'battery'"):
         broken.step(np.zeros((2, 2)))

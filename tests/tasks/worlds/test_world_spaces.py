@@ -6,6 +6,9 @@ import pytest
 import hac_suite
 import tasks
 from hac_suite.types import level_specs
+from tasks.worlds import estimates
+from tasks.worlds.copies import Options
+from tasks.worlds.world import World
 from tests.tasks.worlds import toys
 from tests.tasks.worlds.playing import SEEDS, world
 
@@ -57,6 +60,14 @@ def test_an_environment_without_goals_takes_a_projection_of_its_state():
     assert always.goal_space.low[1] < 3 < always.goal_space.high[1]
 
 
+def test_goals_that_are_not_known_yet_end_no_episode_of_which_spaces_are_estimated():
+    options = Options(goal="obs[0]", threshold=(0.9,))  # it begins within 0.9 of 0
+    world = World("plain", toys.Plain, options, max_steps=20)
+    played = estimates.random_episodes(world.adapter, world.about())
+    assert (played.steps == 20).all()
+    assert 0.2 < played.held.mean() < 0.9 and played.success.mean() >= played.held.mean()
+
+
 @pytest.mark.parametrize(
     ("make", "options", "problem"),
     [
@@ -67,6 +78,14 @@ def test_an_environment_without_goals_takes_a_projection_of_its_state():
         (toys.Plain, {"goal": "obs[0:2]=1", "goal_threshold": 1}, "2 numbers are chosen, and 1"),
         (toys.Point, {"goal": "obs[0:1]"}, "it has goals of its own"),
         (toys.Point, {"goal_threshold": (0.1, 0.1, 0.1)}, "it takes one, or 2"),
+        (toys.OldApi, {}, r"its reset\(\) failed: .*no tuple.*observation, info"),
+        (toys.Point, {"train_options": {"goal": "north"}},
+         r"its reset\(options={'goal': 'north'}\) failed: ValueError"),
+        (toys.Point, {"test_options": {"goal": "north"}}, r"its reset\(.*failed: ValueError"),
+        (lambda: toys.OddGoals("dict"), {}, "achieved_goal is a dictionary of place; .*Box"),
+        (lambda: toys.OddGoals("more"), {}, r"achieved_goal has the shape \(3,\).*\(2,\)"),
+        (lambda: toys.Plain(size=12_000), {"goal": "obs[0]", "goal_threshold": 1},
+         "12000 numbers, as pictures are"),
         (lambda: toys.Plain("discrete"), {"goal": "obs[0]", "goal_threshold": 1},
          r"actions are Discrete\(3\).*discrete actions are not supported"),
         (lambda: toys.Plain("unbounded"), {"goal": "obs[0]", "goal_threshold": 1},

@@ -37,7 +37,8 @@ class Point(gymnasium.Env):
           terminates: the episode ends at the goal.
           goal_speed: how far the goal goes with each step.
           draws: from where: own (the seed's), global, or system (no seed decides it).
-          reward: sparse, scalar (for one pair at a time), dense, or info (which it needs).
+          reward: sparse, scalar (for one pair at a time), column (for each pair a list of one),
+            dense, always (the same), or info (which it needs).
           fails_above: the episode ends, in failure, with x above this.
           told_where: the observation has the position, and not only the velocity.
           nan_at, truncates_at: steps at which that happens.
@@ -99,7 +100,11 @@ class Point(gymnasium.Env):
     def compute_reward(self, achieved_goal, desired_goal, info):
         if self.reward == "info":
             return info["reward"]
+        if self.reward == "always":
+            return 0.0
         distance = np.linalg.norm(achieved_goal - desired_goal, axis=-1)
+        if self.reward == "column":
+            return np.where(distance <= RADIUS, [1.0], [0.0])[..., None]
         if self.reward == "dense":
             return -distance
         if self.reward == "scalar":
@@ -137,16 +142,72 @@ class Nested(Point):
         return super().compute_reward(achieved_goal[..., 0], desired_goal[..., 0], info)
 
 
-class Plain(gymnasium.Env):
-    """No goals: a box of numbers. `actions`: box, discrete or unbounded."""
+class Cells(Point):
+    """Its goals are cells of a board of 10 by 10, as whole numbers."""
 
-    def __init__(self, actions: str = "box", render_mode: str | None = None):
+    def __init__(self, **habits):
+        super().__init__(**habits)
+        cell = Box(0, 9, (2,), np.int64)
+        self.observation_space = Dict(
+            observation=self.observation_space["observation"], achieved_goal=cell, desired_goal=cell
+        )
+
+    def _seen(self):
+        seen = super()._seen()
+        cells = {key: np.clip(5 * seen[key] + 5, 0, 9).astype(int) for key in seen}
+        return {**cells, "observation": seen["observation"]}
+
+    def compute_reward(self, achieved_goal, desired_goal, info):
+        assert np.issubdtype(achieved_goal.dtype, np.integer)
+        return (achieved_goal == desired_goal).all(axis=-1) - 1.0
+
+
+class Shared(Point):
+    """Keeps where it is in the class, so that copies of it are one."""
+
+    def __setattr__(self, name, value):
+        if name in ("position", "velocity"):
+            setattr(type(self), name, value)
+        else:
+            super().__setattr__(name, value)
+
+
+class OddGoals(Point):
+    """Its goals are dictionaries, or it achieves more than it is asked for. `kind`: dict, more."""
+
+    def __init__(self, kind: str, **habits):
+        super().__init__(**habits)
+        place, size = self.observation_space["desired_goal"], 2 if kind == "dict" else 3
+        achieved = Box(-np.inf, np.inf, (size,))
+        if kind == "dict":
+            place = achieved = Dict(place=place)
+        self.observation_space = Dict(
+            observation=self.observation_space["observation"],
+            achieved_goal=achieved,
+            desired_goal=place,
+        )
+
+
+class OldApi(Point):
+    """Returns what environments of gym 0.21 do, and says that it renders without being asked."""
+
+    def __init__(self):
+        super().__init__()
+
+    def reset(self, *, seed=None, options=None):
+        return super().reset(seed=seed)[0]
+
+
+class Plain(gymnasium.Env):
+    """No goals: a box of so many numbers. `actions`: box, discrete or unbounded."""
+
+    def __init__(self, actions: str = "box", size: int = 3, render_mode: str | None = None):
         kinds = {
             "box": Box(-1.0, 1.0, (1,)), "discrete": Discrete(3),
             "unbounded": Box(-np.inf, np.inf, (1,)),
         }  # fmt: skip
         self.action_space = kinds[actions]
-        self.observation_space = Box(-np.inf, np.inf, (3,))
+        self.observation_space = Box(-np.inf, np.inf, (size,))
 
     def reset(self, *, seed=None, options=None):
         super().reset(seed=seed)
@@ -162,4 +223,5 @@ class Plain(gymnasium.Env):
 gymnasium.register("HacToy/Point-v0", Point, max_episode_steps=30)
 gymnasium.register("HacToy/PointForEver-v0", Point)
 gymnasium.register("HacToy/Nested-v0", Nested, max_episode_steps=30)
+gymnasium.register("HacToy/OldApi-v0", OldApi, max_episode_steps=30)
 gymnasium.register("HacToy/Plain-v0", Plain, max_episode_steps=30)
