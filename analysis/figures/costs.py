@@ -2,6 +2,7 @@
 
 import pandas as pd
 from matplotlib.figure import Figure
+from matplotlib.ticker import EngFormatter
 
 from analysis.figures.success import plot_success
 
@@ -25,7 +26,7 @@ def draw_costs(summary: pd.DataFrame) -> Figure:
         plot_success(ax, summary, legend=column == "train_steps", against=column)
         ax.set_title("")
         ax.set_xlabel(label)
-        ax.ticklabel_format(axis="x", style="plain")
+        ax.xaxis.set_major_formatter(EngFormatter(sep=""))
         ax.set_xlim(left=0)
     ax.set_ylabel("")
     return figure

@@ -26,7 +26,8 @@ def file(tmp_path_factory):
     folder = tmp_path_factory.mktemp("runs") / TASK
     shutil.copytree(grid.FOLDER / TASK, folder)
     manifest = json.loads((folder / "manifest.json").read_text())
-    (folder / "manifest.json").write_text(json.dumps(manifest | {"command": LONG}))
+    own = {"command": LONG, "earlier_launches": []}
+    (folder / "manifest.json").write_text(json.dumps(manifest | own))
     return write_report(folder)
 
 
