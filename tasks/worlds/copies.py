@@ -18,6 +18,10 @@ _NO_GOAL = (
     "desired_goal with a compute_reward: say which numbers are the goal, as in --goal='obs[0:2]' "
     "with --goal_threshold=0.1"
 )
+_NO_REWARD = (
+    "{word}: it has goals, and no compute_reward(achieved_goal, desired_goal, info) that says what "
+    "achieves them; give --goal_threshold, or add one to the environment"
+)
 _HAS_GOAL = "{word}: it has goals of its own; --goal is for environments that have none"
 _NO_THRESHOLD = "{word}: --goal={goal} needs --goal_threshold: how near to it counts as achieved"
 _BAD_INDEX = (
@@ -102,11 +106,13 @@ class Reader:
         """Raises ValueError where there is no goal, or a choice of numbers that there are not."""
         space = env.observation_space
         self.word, self._options = word, options
-        self.goals = _has_goals(env)
+        self.goals = _has_goals(space)
         if self.goals and options.goal:
             raise ValueError(_HAS_GOAL.format(word=word))
         if not self.goals and not options.goal:
             raise ValueError(_NO_GOAL.format(word=word, space=_kind(space)))
+        if self.goals and not options.threshold and _method(env, "compute_reward") is None:
+            raise ValueError(_NO_REWARD.format(word=word))
         if options.goal and not options.threshold:
             raise ValueError(_NO_THRESHOLD.format(word=word, goal=options.goal))
         parts = space.spaces if isinstance(space, gymnasium.spaces.Dict) else {}
@@ -184,12 +190,8 @@ class Reader:
         return goals, goals if at is None else tuple(f"obs[{i}]" for i in at)
 
 
-def _has_goals(env: gymnasium.Env) -> bool:
-    space = env.observation_space
-    there = isinstance(space, gymnasium.spaces.Dict) and all(
-        key in space.spaces for key in _GOAL_KEYS
-    )
-    return there and _method(env, "compute_reward") is not None
+def _has_goals(space: gymnasium.Space) -> bool:
+    return isinstance(space, gymnasium.spaces.Dict) and set(_GOAL_KEYS) <= set(space.keys())
 
 
 def _check_goals(word: str, parts: Mapping[str, gymnasium.Space]) -> None:

@@ -350,10 +350,11 @@ def _shared(played: Played) -> np.ndarray:
 
 
 def _max_steps(about: About, played: Played) -> int:
-    """The limit that is said, or the one at which the environment cuts all its episodes short."""
+    """The limit that is said, or the one at which the environment cuts its episodes short."""
     steps = played.steps[played.cut] + 1
-    whole = len(steps) and not played.failed.any() and played.cut.all() and len(set(steps)) == 1
-    return int(steps[0]) if whole else about.max_steps
+    ended = played.success | played.failed
+    own = len(set(steps)) == 1 and (played.cut | ended).all()
+    return int(steps[0]) if own and (played.steps[ended] <= steps[0]).all() else about.max_steps
 
 
 def _rounded(values: np.ndarray, *, up: bool = False) -> np.ndarray:

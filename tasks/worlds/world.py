@@ -15,6 +15,13 @@ _NO_LIMIT = (
     "{word}: it has no time limit of its own: say after how many steps an episode ends, as in "
     "--max_steps=200"
 )
+_NO_COUNT = "{word}: max_steps is {value}; it takes a count"
+_NOT_NEAR = "{word}: --goal_threshold={given}: it takes numbers above 0"
+_NOT_MAKER = (
+    "{word}: it is one environment, and several are needed: give a function that makes them, or "
+    "an id"
+)
+_ARGS = "{word}: args={args} are for an id; bind them to the function, as functools.partial does"
 _TAKEN = (
     "{word}: another VectorEnv of this task has begun episodes in the same copies; copies are "
     "shared within tasks.find(...): call tasks.from_gymnasium for some of your own"
@@ -78,6 +85,8 @@ class World:
           ValueError: HAC cannot train on it, or needs to be told more; one line says what.
         """
         self.word = word
+        if max_steps is not None and (not isinstance(max_steps, int | np.integer) or max_steps < 1):
+            raise ValueError(_NO_COUNT.format(word=word, value=max_steps))
         self.pool = Pool(word, make, options)
         self.title = title or word
         limit = max_steps or _time_limit(self.pool.env)
@@ -110,6 +119,8 @@ class World:
         count, given = int(np.prod(self.pool.reader.goal_shape)), self.pool.options.threshold
         if len(given) not in (1, count):
             raise ValueError(_THRESHOLDS.format(word=self.word, given=len(given), count=count))
+        if min(given) <= 0:
+            raise ValueError(_NOT_NEAR.format(word=self.word, given=given))
         width = np.broadcast_to(given, count)
         return lambda achieved, goal: (np.abs(achieved - goal) <= width).all(axis=-1)
 
@@ -361,9 +372,21 @@ def from_gymnasium(
     options = Options(
         goal, subgoal, tuple(np.ravel(goal_threshold).tolist()), train_options, test_options
     )
-    if isinstance(make_or_id, str):
-        word, make = f"gym:{make_or_id}", making.maker(f"gym:{make_or_id}", make_or_id, args or {})
-    else:
-        word, make = getattr(make_or_id, "__name__", "environment"), make_or_id
+    word, make = _maker(make_or_id, args or {})
     world = World(word, make, options, max_steps=max_steps)
     return fitted.of_world(world, settings).load_vector(num_envs, seed)
+
+
+def _maker(
+    make_or_id: Callable[[], gymnasium.Env] | str, args: Mapping[str, Any]
+) -> tuple[str, Callable[[], gymnasium.Env]]:
+    """What messages call the environment, and what makes it."""
+    if isinstance(make_or_id, str):
+        id = make_or_id.removeprefix("gym:")
+        return f"gym:{id}", making.maker(f"gym:{id}", id, args)
+    word = getattr(make_or_id, "__name__", type(make_or_id).__name__)
+    if not callable(make_or_id):
+        raise ValueError(_NOT_MAKER.format(word=word))
+    if args:
+        raise ValueError(_ARGS.format(word=word, args=dict(args)))
+    return word, make_or_id

@@ -155,6 +155,7 @@ def test_an_environment_without_a_time_limit_asks_for_one():
 
 def test_a_time_limit_within_the_environment_is_found():
     assert world(truncates_at=11).max_steps == 11
+    assert world(truncates_at=11, speed=0.8, fails_above=0.9).max_steps == 11  # some end before
 
 
 def test_failing_ends_the_episode_and_is_learnt_from():

@@ -60,6 +60,14 @@ def test_an_environment_without_goals_takes_a_projection_of_its_state():
     assert always.goal_space.low[1] < 3 < always.goal_space.high[1]
 
 
+def test_goals_that_nobody_judges_are_judged_by_a_threshold():
+    env = tasks.from_gymnasium(
+        lambda: toys.OddGoals("unjudged"), max_steps=20, goal_threshold=(0.1, 0.3)
+    )
+    near = np.array([[0.09, 0.29], [0.0, 0.31]])
+    assert env.goal_space.achieved(near, np.zeros((2, 2))).tolist() == [True, False]
+
+
 def test_goals_that_are_not_known_yet_end_no_episode_of_which_spaces_are_estimated():
     options = Options(goal="obs[0]", threshold=(0.9,))  # it begins within 0.9 of 0
     world = World("plain", toys.Plain, options, max_steps=20)
@@ -78,6 +86,11 @@ def test_goals_that_are_not_known_yet_end_no_episode_of_which_spaces_are_estimat
         (toys.Plain, {"goal": "obs[0:2]=1", "goal_threshold": 1}, "2 numbers are chosen, and 1"),
         (toys.Point, {"goal": "obs[0:1]"}, "it has goals of its own"),
         (toys.Point, {"goal_threshold": (0.1, 0.1, 0.1)}, "it takes one, or 2"),
+        (toys.Point, {"goal_threshold": (0.1, 0.0)}, "numbers above 0"),
+        (toys.Point, {"max_steps": -3}, "max_steps is -3; it takes a count"),
+        (toys.Point, {"args": {"speed": 1}}, r"args={'speed': 1} are for an id.*partial"),
+        (toys.Point(), {}, "Point: it is one environment.*give a function"),
+        (lambda: toys.OddGoals("unjudged"), {}, "no compute_reward.*--goal_threshold"),
         (toys.OldApi, {}, r"its reset\(\) failed: .*no tuple.*observation, info"),
         (toys.Point, {"train_options": {"goal": "north"}},
          r"its reset\(options={'goal': 'north'}\) failed: ValueError"),
@@ -94,7 +107,7 @@ def test_goals_that_are_not_known_yet_end_no_episode_of_which_spaces_are_estimat
 )  # fmt: skip
 def test_what_cannot_be_trained_on_is_refused_in_one_line(make, options, problem):
     with pytest.raises(ValueError, match=problem) as refused:
-        tasks.from_gymnasium(make, max_steps=20, **options)
+        tasks.from_gymnasium(make, **{"max_steps": 20, **options})
     assert "\n" not in str(refused.value)
 
 

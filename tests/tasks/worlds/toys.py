@@ -173,10 +173,17 @@ class Shared(Point):
 
 
 class OddGoals(Point):
-    """Its goals are dictionaries, or it achieves more than it is asked for. `kind`: dict, more."""
+    """Goals that cannot be compared.
+
+    `kind`: dict (they are dictionaries), more (it achieves more than it is asked for), or unjudged
+    (there is no compute_reward).
+    """
 
     def __init__(self, kind: str, **habits):
         super().__init__(**habits)
+        if kind == "unjudged":
+            self.compute_reward = None
+            return
         place, size = self.observation_space["desired_goal"], 2 if kind == "dict" else 3
         achieved = Box(-np.inf, np.inf, (size,))
         if kind == "dict":
