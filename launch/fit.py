@@ -1,7 +1,8 @@
 """Estimates spaces for a task: `python launch/fit.py --task=gym:PointMaze_UMaze-v3`."""
 
+import math
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -43,6 +44,7 @@ Flags:
 
 Exit status: 0 the file is written; 2 the command was wrong."""
 _LEARNT = 16  # episodes that the flat agent plays to be looked at
+_MOST_STEPS = 60_000  # of its training: where episodes are long, they are fewer
 _SHOWN = 12  # numbers of an observation that the table has lines for
 
 
@@ -65,6 +67,7 @@ def _flags() -> flags.FlagValues:
     values = flags.FlagValues()
     lists.define_task(values, None, lists.ANY_TASK)
     flags.DEFINE_string("output", None, "the file; if not given, TASK_fit.toml here", values)
+    flags.DEFINE_boolean("overwrite", False, "whether a file may be written over", values)
     program.define_count(
         values, "train_episodes", 60, "of the flat agent; 0: random episodes only", least=0
     )
@@ -81,11 +84,13 @@ def _fit(values: flags.FlagValues) -> int:
     output = Path(values.output or f"{task.name}_fit.toml")
     if output.suffix != ".toml" or output.stem in tasks.ALL:
         raise CommandError(f"flag --output={output}: its name ends in .toml, and is no task's")
+    if output.exists() and not values.overwrite:
+        raise CommandError(f"{output} is there already; --overwrite writes over it")
     console = Console()
     for note in task.notes:
         console.say(f"note: {note}")
     try:
-        found = fit(task, values.train_episodes)
+        found = fit(task, values.train_episodes, console.say)
     except EnvFailed as error:
         raise CommandError(str(error)) from error
     names = task.about.goal_names, task.about.subgoal_names
@@ -98,15 +103,20 @@ def _fit(values: flags.FlagValues) -> int:
     return 0
 
 
-def fit(task: tasks.Unfitted, train_episodes: int) -> Fit:
+def fit(task: tasks.Unfitted, train_episodes: int, say: Callable[[str], None]) -> Fit:
     """Estimates a task's spaces from random episodes, and those of a flat agent, trained a little.
 
     Args:
       train_episodes: of the flat agent; 0 leaves it out.
+      say: told what takes a while.
     """
+    say("playing random episodes")
     random = estimates.random_episodes(task.env_of, task.about)
     settings = estimates.settings(task.about, random)
-    learnt = _learnt(task, settings, train_episodes) if train_episodes else None
+    episodes = min(train_episodes, math.ceil(_MOST_STEPS / settings.max_steps))
+    if episodes:
+        say(f"training a flat agent for {episodes} episodes of up to {settings.max_steps} steps")
+    learnt = _learnt(task, settings, episodes) if episodes else None
     everything = estimates.joined([random, learnt]) if learnt else random
     if learnt:
         settings = estimates.settings(task.about, everything)

@@ -196,6 +196,9 @@ def test_fit_holds_its_estimates_against_those_made_by_hand(tmp_path, capsys, mo
     shown = capsys.readouterr().out
     assert "chosen by hand" in shown and "(by hand: [18, 18])" in shown
     assert (tmp_path / "pendulum_climb_fit.toml").is_file() and "flat agent" not in shown
+    again = ["fit", "--task=pendulum_climb", "--train_episodes=0"]
+    assert fit.main(again) == 2  # somebody may have edited it
+    assert "is there already; --overwrite" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
