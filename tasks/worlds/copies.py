@@ -92,7 +92,7 @@ class View(NamedTuple):
 
 def finite(view: View) -> bool:
     """Whether all of its numbers are."""
-    return all(bool(np.isfinite(part).all()) for part in view)
+    return bool(np.isfinite(np.concatenate(view)).all())
 
 
 class Reader:
@@ -300,9 +300,11 @@ class EnvCopy:
         return self._warnings() > self._warned
 
     def _warnings(self) -> int:
-        if self.simulation is None:
+        simulation = self.simulation
+        if simulation is None:
             return 0
-        return int(self.simulation[1].warning.number[_BROKEN].sum())
+        counts = simulation[1].warning.number
+        return sum(int(counts[kind]) for kind in _BROKEN)
 
     def step(self, action: np.ndarray) -> tuple[View, bool, bool, Mapping[str, Any]]:
         """The view after an action [A], whether the environment terminated or truncated, info.

@@ -189,7 +189,8 @@ class Adapter:
             copy.owner = self
             view = copy.reset(seed, options, self._draw_goal(seed))
             self._steps[i], self._over[i] = 0, False
-            self._show(i, view, diverged=not finite(view), failed=False)
+            broken = not finite(view)
+            self._show(i, _finite_part(view) if broken else view, diverged=broken, failed=False)
         return self._fresh()
 
     def _draw_goal(self, seed: int) -> np.ndarray | None:
@@ -216,7 +217,12 @@ class Adapter:
             wanted = (self.num_envs, len(self.action_low))
             raise ValueError(f"actions must have shape {wanted}, got {actions.shape}")
         assert self._shown is not None, "call reset before step"
-        for i in self._chosen(mask):
+        chosen, finite_actions = self._chosen(mask), np.isfinite(actions).all(axis=1)
+        for i in chosen:
+            if not finite_actions[i]:
+                raise ValueError(f"environment {i}: actions must be finite, got {actions[i]}")
+        actions = np.clip(actions, self.action_low, self.action_high)
+        for i in chosen:
             if not (self._shown.diverged[i] or self._over[i]):
                 self._step_one(i, actions[i])
         return self._fresh()
@@ -225,11 +231,7 @@ class Adapter:
         copy = self._copies[i]
         if copy.owner is not self:
             raise RuntimeError(_TAKEN.format(word=self._world.word))
-        if not np.isfinite(action).all():
-            raise ValueError(f"environment {i}: actions must be finite, got {action}")
-        view, terminated, truncated, _ = copy.step(
-            np.clip(action, self.action_low, self.action_high)
-        )
+        view, terminated, truncated, _ = copy.step(action)
         self._steps[i] += 1
         self._over[i] = terminated or truncated
         ended = self._over[i] and self._steps[i] < self.max_steps
@@ -250,7 +252,7 @@ class Adapter:
             flags = {n: np.zeros(self.num_envs, bool) for n in ("diverged", "failed")}
             self._shown = Step(**rows, **flags)
         for shown, part in zip(self._shown, view or (), strict=False):
-            shown[i] = np.nan_to_num(part, posinf=0.0, neginf=0.0)
+            shown[i] = part
         self._shown.diverged[i] = diverged
         self._shown.failed[i] = failed
 
@@ -280,7 +282,7 @@ class Adapter:
           ValueError: its goal cannot be moved.
         """
         view = self._copies[i].move_goal(np.asarray(goal, np.float64))
-        self._show(i, view, diverged=False, failed=False)
+        self._show(i, _finite_part(view), diverged=False, failed=False)
         return self._fresh()
 
     def render(
@@ -303,6 +305,11 @@ class Adapter:
     def close(self) -> None:
         """Frees the copies; they are made again when they are needed again."""
         self._pool.close()
+
+
+def _finite_part(view: View) -> View:
+    """The view with 0 in place of numbers that are not finite."""
+    return View(*(np.nan_to_num(part, posinf=0.0, neginf=0.0) for part in view))
 
 
 def _fitted_into(picture: np.ndarray, height: int, width: int) -> np.ndarray:
