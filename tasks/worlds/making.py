@@ -5,6 +5,7 @@ import copy
 import importlib
 import importlib.util
 import inspect
+import sys
 import types
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any, Generic, TypeVar
@@ -43,6 +44,7 @@ def maker(word: str, id: str, args: Mapping[str, Any]) -> Callable[[], gymnasium
 
     def make() -> gymnasium.Env:
         _import(word, id)
+        mend_gymnasium_robotics()
         frames = {"render_mode": "rgb_array"} if _renders(id) else {}
         try:
             return gymnasium.make(
@@ -69,8 +71,6 @@ def _import(word: str, id: str) -> None:
             missing = isinstance(error, ModuleNotFoundError) and error.name in _parents(each)
             why = _NO_MODULE if missing else _BROKEN_MODULE
             raise ValueError(why.format(word=word, module=each, id=name, error=reason)) from error
-        if each in _PACKAGES:
-            mend_gymnasium_robotics()
 
 
 def _parents(module: str) -> list[str]:
@@ -109,16 +109,16 @@ def _takes(function: Callable, keyword: str) -> bool:
 
 
 def mend_gymnasium_robotics() -> None:
-    """Lets gymnasium-robotics 1.4 run with mujoco 3.17 and later, in this process only.
+    """Lets gymnasium-robotics 1.4, if it is imported, run with mujoco 3.17 and later.
 
     There MuJoCo's enumerations no longer equal numpy's integers: `mjtJoint.mjJNT_HINGE ==
     numpy.int32(3)` is False, and so is `numpy.int32(3) in (mjtJoint.mjJNT_HINGE,)`. The package's
     `mujoco_utils` compares them so: Fetch and HandReach fail an assertion when they are made, and
-    welds to a mocap body would be passed over in silence. This module, and no file, is given a
-    `mujoco` whose enumerations are plain integers.
+    welds to a mocap body would be passed over in silence. This module, in this process only, is
+    given a `mujoco` whose enumerations are plain integers.
     """
     hinge = mujoco.mjtJoint.mjJNT_HINGE
-    if hinge == np.int32(int(hinge)):
+    if "gymnasium_robotics" not in sys.modules or hinge == np.int32(int(hinge)):
         return
     utils = importlib.import_module("gymnasium_robotics.utils.mujoco_utils")
     if isinstance(getattr(utils, "mujoco", None), types.ModuleType):
@@ -162,6 +162,7 @@ class CompiledOnce(Generic[T]):
         self._same = False
 
     def __call__(self) -> T:
+        mend_gymnasium_robotics()
         if len(self._compiled) < _COMPARED:
             models: list[mujoco.MjModel] = []
             with _compilers(lambda compiled: lambda *a, **k: _kept(compiled(*a, **k), models)):

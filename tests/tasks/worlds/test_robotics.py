@@ -1,5 +1,7 @@
 """gymnasium-robotics, if it is installed: worlds that nobody here made."""
 
+import gymnasium
+import mujoco
 import numpy as np
 import pytest
 
@@ -11,6 +13,7 @@ pytestmark = pytest.mark.slow
 robotics = pytest.importorskip(
     "gymnasium_robotics", reason="gymnasium-robotics is not installed: pip install '.[worlds]'"
 )
+mujoco_utils = pytest.importorskip("gymnasium_robotics.utils.mujoco_utils")
 
 IDS = ("PointMaze_UMaze-v3", "FetchReach-v4", "FetchPush-v4", "AntMaze_UMaze-v5", "HandReach-v3")
 
@@ -45,6 +48,15 @@ def test_welds_are_reset_with_the_mujoco_that_is_installed():
     end = [env.step(action) for _ in range(10)][-1].achieved_goal[0]
     assert 0.1 < end[0] - start[0] < 0.6
     np.testing.assert_allclose(end[1:], start[1:], atol=0.05)
+
+
+@pytest.mark.parametrize(
+    "make", ["FetchReach-v4", lambda: gymnasium.make("FetchReach-v4", max_episode_steps=-1)]
+)
+def test_an_environment_that_was_registered_by_somebody_else_is_mended(make, monkeypatch):
+    monkeypatch.setattr(mujoco_utils, "mujoco", mujoco)  # as it is before any world was made
+    env = tasks.from_gymnasium(make, 1, max_steps=50)
+    assert not env.reset(np.array([0])).diverged.any()
 
 
 def test_a_maze_is_seen_in_3d_and_its_goal_moved():
