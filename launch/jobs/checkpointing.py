@@ -17,6 +17,8 @@ from launch.folder.layout import RunFolder
 MOST_SECONDS_BETWEEN = 300.0
 # A checkpoint waits until those before it have cost no more than this share of the time.
 MOST_SHARE = 0.04
+# But no longer than this: the machine may have slept, or been paused, while one was written.
+MOST_SECONDS_SAVED_UP = 1800.0
 
 _OTHER_RUN = "{file} is a checkpoint of another run ({differences}); move it away"
 _LONGER_RUN = (
@@ -250,7 +252,7 @@ class Saver:
             return
         waited = time.monotonic() - self._saved
         due = boundary.tested or waited >= MOST_SECONDS_BETWEEN
-        affordable = waited >= self._cost / MOST_SHARE
+        affordable = waited >= min(self._cost / MOST_SHARE, MOST_SECONDS_SAVED_UP)
         if boundary.train_episodes and (self._stopping or (due and affordable)):
             self._save(boundary)
         if self._stopping:

@@ -233,6 +233,29 @@ def test_a_disk_that_fills_up_costs_checkpoints_and_a_warning(tmp_path, whole):
     assert outcome(out) == whole
 
 
+def test_a_machine_that_slept_while_a_checkpoint_was_written_writes_others(tmp_path, monkeypatch):
+    """As if saving took a day: it would have taken no more than 4% of the time a month later."""
+    now, saves = [0.0], [0]
+    monkeypatch.setattr(checkpointing.time, "monotonic", lambda: now[0])
+
+    class Slow:
+        last = None
+
+        def save(self, *_, **__):
+            saves[0] += 1
+            now[0] += 86_400
+
+    monkeypatch.setattr(checkpointing.checkpoint, "Writer", lambda *_: Slow())
+    setup = checkpointing.Setup(Agent(TASK, 0), (6,), hac_suite.Config())
+    saver = checkpointing.Saver(RunFolder(tmp_path, TASK), setup, [0], 0, print)
+    counts = []
+    for minutes in (6, 12, 20, 20, 12):
+        now[0] += 60 * minutes
+        saver.at_boundary(hac_suite.Boundary(4, False, lambda: iter(())))
+        counts.append(saves[0])
+    assert counts == [1, 1, 2, 2, 3]
+
+
 def test_a_run_that_fails_is_tried_again_from_its_checkpoint(tmp_path, whole):
     def fail() -> None:
         at_boundary = checkpointing.Saver.at_boundary
