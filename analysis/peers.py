@@ -14,14 +14,24 @@ from analysis.figures.peers import draw
 from analysis.figures.success import save_png
 from analysis.reading import grid
 from analysis.reading.files import write_atomically
-from analysis.statistics.peers import BUDGETS, WHOSE, Budget, compare, gather, load_strangers
+from analysis.statistics.peers import (
+    BUDGETS,
+    SOLVED,
+    WHOSE,
+    Budget,
+    compare,
+    gather,
+    load_strangers,
+    minutes_to,
+)
 
 _HELP = """Compares another library's agents with ours on the same tasks, and draws peers.png.
 
   python -m analysis.peers
 
-Success is compared at equal environment steps and at equal core-minutes. The strangers' curves
-come from `python -m tests.bench.peers`.
+Success is compared at equal environment steps and at equal core-minutes; a third table has the
+core-minutes until the median seed reaches 90%. The strangers' curves come from
+`python -m tests.bench.peers`.
 
 Flags:
 {flags}
@@ -40,6 +50,17 @@ def as_text(table: pd.DataFrame, budget: Budget) -> str:
         *given, end = own.itertuples()
         last = f"{_cell(end)} after {end.spent:,.{0 if end.spent >= 100 else 1}f}"
         lines.append(_line([*whose, str(end.seeds), *map(_cell, given), last]))
+    return "\n".join(lines)
+
+
+def as_waits(table: pd.DataFrame) -> str:
+    """How long agents take to 90% as a table in Markdown; a dash: no more than half get there."""
+    head = ["task", "agent", "settings", "n", "reached", "core-minutes", "times the best of ours"]
+    lines = [_line(head), _line(["---"] * len(head))]
+    for row in table.itertuples():
+        amounts = [f"{x:.1f}" if np.isfinite(x) else "-" for x in (row.minutes, row.ratio)]
+        who = [row.task, row.agent, row.settings]
+        lines.append(_line([*who, str(row.seeds), str(row.reached), *amounts]))
     return "\n".join(lines)
 
 
@@ -75,6 +96,8 @@ def _compare_all(values: flags.FlagValues) -> None:
     for budget in BUDGETS:
         print(f"Success at {budget.title}", "", as_text(compare(curves, budget), budget), sep="\n")
         print()
+    waits = as_waits(minutes_to(curves, SOLVED))
+    print(f"Core-minutes until the median seed reaches {SOLVED:.0%}", "", waits, "", sep="\n")
     for task in strangers["task"].unique():
         if task not in ours:
             print(f"{values.data}: holds no results of ours on {task}")

@@ -22,6 +22,8 @@ COLUMNS = (
 )
 """A curve's columns: a row for each test, the untrained one first."""
 OURS = "hac"
+SOLVED = 0.9
+"""Success whose waiting time is compared."""
 WHOSE = ["task", "agent", "settings"]
 _WORDS = ("task", "agent", "settings")
 COMMAND = "python -m tests.bench.peers"
@@ -123,6 +125,33 @@ def at(curve: pd.DataFrame, column: str, amount: float) -> float:
     """
     curve = curve.sort_values(column)
     return float(np.interp(amount, curve[column], curve["success_rate"], right=np.nan))
+
+
+def minutes_to(curves: pd.DataFrame, success: float) -> pd.DataFrame:
+    """How long the median seed trains until it reaches a success, a row per task, agent, settings.
+
+    Returns:
+      `seeds`; `reached`, how many got there; `minutes`, the median over all seeds of core-minutes,
+      infinite where no more than half got there; `ratio` to the least of ours on the task.
+    """
+    rows = []
+    for whose, own in curves.groupby(WHOSE, sort=False):
+        times = [_first(seed, success) for _, seed in own.groupby("seed")]
+        rows.append((*whose, len(times), int(np.isfinite(times).sum()), float(np.median(times))))
+    table = pd.DataFrame(rows, columns=[*WHOSE, "seeds", "reached", "minutes"])
+    ours = table[table["agent"] == OURS].groupby("task")["minutes"].min()
+    return table.assign(ratio=table["minutes"] / table["task"].map(ours).where(np.isfinite))
+
+
+def _first(curve: pd.DataFrame, success: float) -> float:
+    """Core-minutes until a seed first has a success, on the line between its tests; or infinity."""
+    curve = curve.sort_values("core_minutes")
+    minutes, rates = curve["core_minutes"].to_numpy(), curve["success_rate"].to_numpy()
+    if rates.max() < success:
+        return np.inf
+    after = int(np.argmax(rates >= success))
+    around = slice(max(after - 1, 0), after + 1)
+    return float(np.interp(success, rates[around], minutes[around]))
 
 
 def _early(tests: pd.Series, amount: float) -> bool:

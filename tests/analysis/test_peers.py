@@ -17,6 +17,7 @@ from analysis.statistics.peers import (
     compare,
     load_curve,
     load_strangers,
+    minutes_to,
 )
 
 STEPS, MINUTES = BUDGETS
@@ -41,6 +42,22 @@ def test_success_between_two_tests_lies_on_the_line_between_them():
     assert found == pytest.approx([0, 0.05, 0.2, 0.65, 0.8])
     assert at(curve, "core_minutes", 2.5) == pytest.approx(0.65)
     assert np.isnan(at(curve, "train_steps", 60_001))
+
+
+def test_the_median_seed_waits_for_a_success_as_long_as_its_own_curve_says():
+    ours = [
+        _curve(seed, (0, 0, 0.0), (10, minutes, 0.8), (20, 2 * minutes, 1.0), agent=OURS)
+        for seed, minutes in enumerate((1.0, 2.0, 4.0))
+    ]
+    two_of_four = [
+        _curve(seed, (0, 0, 0.0), (10, 9.0, most)) for seed, most in enumerate((0.95, 0.9, 0.5, 0))
+    ]
+    at_once = _curve(7, (0, 0.5, 0.9), (10, 9.0, 0.2), settings="ours20")
+    table = minutes_to(pd.concat([*ours, *two_of_four, at_once]), 0.9)
+    assert table["agent"].tolist() == [OURS, "sac", "sac"]
+    assert table["seeds"].tolist() == [3, 4, 1] and table["reached"].tolist() == [3, 2, 1]
+    assert table["minutes"].tolist() == pytest.approx([3.0, np.inf, 0.5])
+    assert table["ratio"].tolist() == pytest.approx([1.0, np.inf, 1 / 6])
 
 
 def test_a_budget_is_compared_over_the_seeds_that_spent_it():
@@ -80,7 +97,7 @@ def data(make_run):
     return make_run({1: [[0.0, 0.5, 0.9], [0.0, 0.7, 1.0]]}, task="pick_place").parent
 
 
-def test_the_command_prints_both_tables_and_draws(data, tmp_path, capsys):
+def test_the_command_prints_all_tables_and_draws(data, tmp_path, capsys):
     folder = tmp_path / "peers"
     folder.mkdir()
     for seed in (100, 101):
@@ -94,9 +111,11 @@ def test_the_command_prints_both_tables_and_draws(data, tmp_path, capsys):
         "| - | 50% [50, 50] after 400,000 |",
         "| pick_place | sac | zoo | 2 | ~25% [25, 25] | 50% [50, 50] | 50% [50, 50] | 50% [50, 50] "
         "| 50% [50, 50] | 50% [50, 50] after 12.0 |",
+        "| pick_place | sac | zoo | 2 | 0 | - | - |",
     ]
     ours = [line for line in printed if "| hac | 1 subgoal layer | 2 |" in line]
-    assert len(ours) == 2 and " after 60,000 |" in ours[0] and " after 0.2 |" in ours[1]
+    assert len(ours) == 3 and " after 60,000 |" in ours[0] and " after 0.2 |" in ours[1]
+    assert ours[2].endswith("| 2 | 2 | 0.2 | 1.0 |")
     assert printed.index(ours[0]) < printed.index(strangers[0])
     assert printed[-1] == str(folder / "peers.png")
     assert (folder / "peers.png").stat().st_size > 30_000
