@@ -33,7 +33,8 @@ _HELP = """Draws the paper's Figure 5 from the published results.
 writes figure5.png and figure5.pdf, success against test periods as in the paper; figure5_steps.png
 and figure5_minutes.png, against environment steps and minutes of a core for each seed; and
 figure5.csv, the numbers that are drawn. Agents without subgoal layers that were trained otherwise
-are read from the folders grid_td3 and grid_goals_per_segment beside --data, where there are any.
+are read from the folders grid_td3, grid_half_rate and grid_goals_per_segment beside --data, where
+there are any.
 
 Flags:
 {flags}

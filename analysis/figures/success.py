@@ -37,6 +37,7 @@ LOOKS = (
 )
 FLAT_LOOKS = (
     Look("#3f8fe0", "x", ":", width=0.8, band=False),
+    Look("#00838f", "", (0, (4, 2)), width=0.7, band=False),
     Look("#7fa8dd", "", "-", width=0.6, band=False),
 )
 """Other agents without subgoal layers, beside those: thin, and without a band."""

@@ -11,6 +11,7 @@ FOLDER = Path(__file__).parents[1] / "data" / "grid"
 
 FLATS = {
     "TD3+HER": "grid_td3",
+    "DDPG+HER, half the rate": "grid_half_rate",
     "DDPG+HER, 3 goals a segment": "grid_goals_per_segment",
 }
 """Agents without subgoal layers that were trained otherwise than the grid's, and their folders
