@@ -189,7 +189,7 @@ def test_what_is_wrong_with_a_model_is_said_with_a_remedy(arm, pattern, new, sai
 def test_the_program_draws_a_picture_and_its_exit_status_tells(arm, capsys):
     assert check_task.main(["check_task", f"{arm}:arm"]) == 0
     shown = capsys.readouterr().out
-    assert "arm-arm.png: how it looks" in shown and "wrong" not in shown
+    assert "arm-arm.png: a picture of a test start" in shown and "wrong" not in shown
     assert (arm.parent / "arm-arm.png").stat().st_size > 2000
     text = arm.read_text().replace("self._goal_marker = m", "self._goal = self._goal_marker = m")
     other = arm.with_name("taken.py")
@@ -201,7 +201,7 @@ def test_the_program_draws_a_picture_and_its_exit_status_tells(arm, capsys):
 @pytest.mark.parametrize(
     ("model", "words", "said"),
     [
-        (ARM, ["Arm", "model.xml"], "small letters"),
+        (ARM, ["Arm", "model.xml"], "lower-case letters"),
         (ARM, ["pick_place", "model.xml"], "its own"),
         (ARM, ["arm", "none.xml"], "there is no model"),
         (ARM, ["arm"], "a name and a model"),
