@@ -244,4 +244,4 @@ def test_attempts_that_span_too_few_steps_are_warned_of():
     asked = request.parse(["", "--task=pendulum_climb"])
     short = asked._replace(attempts={1: (20, 8), 2: (20, 5, 3)})
     (warning,) = experiment._short(short)
-    assert "1 subgoal layer: T = [20, 8] allows 160 of the 300 steps" in warning
+    assert "1 subgoal layer: T = [20, 8] allows only 160 of the 300 steps" in warning

@@ -252,7 +252,7 @@ def test_lost_seeds_count_as_failures(tmp_path):
     first = study(tmp_path).trials[0]
     curves = first.user_attrs["curves"]["pendulum_climb"]
     assert curves["success"] == [[1, 1], [1, 0], [0, 0], [0, 0]]
-    assert "no finite number" in curves["lost"]["101"]
+    assert "not finite" in curves["lost"]["101"]
     assert first.state == TrialState.COMPLETE and first.value < 0.9
 
 
@@ -273,7 +273,7 @@ def test_the_real_training_is_what_a_trial_carries_out(tmp_path, layers):
         ("--task=pendulum_clim", "unknown task 'pendulum_clim': did you mean 'pendulum_climb'?"),
         ("--task=pendulum_climb,pendulum_climb", "give each task once"),
         (f"--task={ROOT}/tasks/families/depth.py:ur5_reacher_400", "give tasks of the suite"),
-        ("--seeds=10", "names seed 0: those below 100 are for published results"),
+        ("--seeds=10", "names seed 0: seeds below 100 are for published results"),
         ("--seeds=99-103", "names seed 99"),
         ("--hours=0", "give a number of core-hours above zero"),
         ("--hours=nan", "give a number of core-hours above zero"),

@@ -136,7 +136,7 @@ def test_t_spans_the_horizon_and_wastes_little(layers, attempts):
         ("discount = {choices=[0.9]}\n[starts.x]", "[starts.x]: discount = 0.98 is not in the sea"),
         ("discount = {low=0.9, high=0.95}\n[starts.x]", "discount = 0.98 is not in the search sp"),
         ("discount = {choices=[0.9]}\n[starts.x]\ndicsount = 0.9", "did you mean 'discount'"),
-        ("discount = {choices=[0.9]}\n[starts]\nx = 3", "[starts] takes tables"),
+        ("discount = {choices=[0.9]}\n[starts]\nx = 3", "[starts] must hold tables"),
     ],
 )
 def test_a_bad_search_file_is_answered_by_what_is_wrong(tmp_path, text, said):

@@ -55,7 +55,7 @@ def choose(page: Page, box, value) -> None:
 
 def test_a_goal_that_cannot_be_moved_has_no_sliders(server, page, monkeypatch):
     def fixed(i, goal):
-        raise ValueError("it does not say where it keeps its goal")
+        raise ValueError("it does not store its goal in an array")
 
     monkeypatch.setattr(page._env, "move_goal", fixed)
     server.scene.reset()
