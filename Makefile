@@ -16,9 +16,9 @@ help:
 	@echo "make demo      a minute or two of training, with its curve and a video"
 	@echo "make test      the quick tests;  make test-all: the slow ones as well"
 	@echo "make lint      ruff and mypy;    make bench: speed against peers and limits (15 minutes)"
-	@echo "make doctor    what this machine can do, and how to mend what it cannot"
+	@echo "make doctor    check what this machine can do, and how to fix what fails"
 	@echo "make docs      the documentation as web pages: build/docs/index.html"
-	@echo "make site      docs, reports and 3-D replays as one static folder: build/site/index.html"
+	@echo "make site      docs, reports and 3-D replays as a static site: build/site/index.html"
 	@echo "make hashes    after a change of constraints.txt: the files that setup accepts"
 	@echo "make audit     known vulnerabilities of what setup installs"
 

@@ -27,7 +27,7 @@ is compared: --data holds VARIANT/TASK/results.csv.
 Flags:
 {flags}
 
-Exit status: 0; 2 what it is to read is not there or damaged, or the command was wrong."""
+Exit status: 0; 2 a file to read is missing or damaged, or the command was wrong."""
 
 FOLDER = Path(__file__).parent / "data" / "ablations"
 NAME = "ablations"

@@ -20,7 +20,7 @@ _HELP = """Draws an episode of each published agent: its path and every level's 
 Flags:
 {flags}
 
-Exit status: 0; 2 what it is to read is not there or damaged, or the command was wrong."""
+Exit status: 0; 2 a file to read is missing or damaged, or the command was wrong."""
 
 
 def write_anatomy(folder: Path, task: str, output: Path) -> list[Path]:

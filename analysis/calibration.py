@@ -17,7 +17,7 @@ _HELP = """Prints, per task, converged agents' steps to the goal beside the pape
 Flags:
 {flags}
 
-Exit status: 0; 2 what it is to read is not there or damaged, or the command was wrong."""
+Exit status: 0; 2 a file to read is missing or damaged, or the command was wrong."""
 
 COLUMNS = ("task", "converged", "seeds", "median_steps", "paper_steps", "ratio")
 

@@ -26,7 +26,7 @@ writes claims.csv, claims.json and claims.md, and prints the verdicts.
 Flags:
 {flags}
 
-Exit status: 0; 2 what it is to read is not there or damaged, or the command was wrong."""
+Exit status: 0; 2 a file to read is missing or damaged, or the command was wrong."""
 
 NAME = "claims"
 WHY_FILE = "claims_why.json"

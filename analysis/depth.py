@@ -27,7 +27,7 @@ The tasks are those of tasks/families/depth.py. --data holds TASK/results.csv.
 Flags:
 {flags}
 
-Exit status: 0; 2 what it is to read is not there or damaged, or the command was wrong."""
+Exit status: 0; 2 a file to read is missing or damaged, or the command was wrong."""
 FOLDER = Path(__file__).parent / "data" / "depth"
 NAME = "depth"
 SEEDS, PERIODS, RUNS = "10-19", 10, "runs/depth"

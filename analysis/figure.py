@@ -15,7 +15,7 @@ _HELP = """Draws a run folder's success figure again: figure.png and figure.csv.
 Flags:
 {flags}
 
-Exit status: 0; 2 what it is to read is not there or damaged, or the command was wrong."""
+Exit status: 0; 2 a file to read is missing or damaged, or the command was wrong."""
 
 
 def main(argv: Sequence[str]) -> int:

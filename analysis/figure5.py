@@ -39,7 +39,7 @@ there are any.
 Flags:
 {flags}
 
-Exit status: 0; 2 what it is to read is not there or damaged, or the command was wrong."""
+Exit status: 0; 2 a file to read is missing or damaged, or the command was wrong."""
 
 NAME = "figure5"
 AGENTS = (0, 1, 2)  # subgoal layers of the paper's agents

@@ -36,7 +36,7 @@ core-minutes until the median seed reaches 90%. The strangers' curves come from
 Flags:
 {flags}
 
-Exit status: 0; 2 what it is to read is not there or damaged, or the command was wrong."""
+Exit status: 0; 2 a file to read is missing or damaged, or the command was wrong."""
 FOLDER = Path(__file__).parent / "data" / "peers"
 FIGURE = "peers.png"
 

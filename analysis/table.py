@@ -17,7 +17,7 @@ _HELP = """Prints a table in Markdown of where every agent stands at the end.
 Flags:
 {flags}
 
-Exit status: 0; 2 what it is to read is not there or damaged, or the command was wrong."""
+Exit status: 0; 2 a file to read is missing or damaged, or the command was wrong."""
 
 HEADINGS = (
     "task",

@@ -22,7 +22,7 @@ writes tuning.png, and tuning.csv with a row for each trial, and prints a table 
 Flags:
 {flags}
 
-Exit status: 0; 2 what it is to read is not there or damaged, or the command was wrong."""
+Exit status: 0; 2 a file to read is missing or damaged, or the command was wrong."""
 FOLDER = Path(__file__).parent / "data" / "tuning"
 NAME = "tuning"
 

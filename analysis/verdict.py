@@ -23,7 +23,7 @@ without subgoal layers on the same task, with commas between them: the strongest
 Flags:
 {flags}
 
-Exit status: 0; 2 what it is to read is not there or damaged, or the command was wrong."""
+Exit status: 0; 2 a file to read is missing or damaged, or the command was wrong."""
 
 
 def judge(folder: Path, others: Sequence[Path]) -> list[hierarchy.Verdict]:

@@ -26,7 +26,7 @@ worlds_td3 beside --data, where there are any.
 Flags:
 {flags}
 
-Exit status: 0; 2 what it is to read is not there or damaged, or the command was wrong."""
+Exit status: 0; 2 a file to read is missing or damaged, or the command was wrong."""
 
 FOLDER = grid.FOLDER.parent / "worlds"
 _TD3 = "TD3+HER"

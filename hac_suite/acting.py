@@ -10,7 +10,7 @@ from hac_suite.config import PAPER
 from hac_suite.types import Actor, Spaces
 
 _WRONG = "{what} must be {size} finite numbers, got {value!r}"
-_NO_SUBGOAL = "an agent with subgoal layers needs achieved_subgoal: where it is among its subgoals"
+_NO_SUBGOAL = "an agent with subgoal layers needs achieved_subgoal: its state in the subgoal space"
 
 
 class _Seen(NamedTuple):

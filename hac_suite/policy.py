@@ -93,7 +93,7 @@ class Policy:
             if wanted != held:
                 raise ValueError(
                     f"The policy's level {index} maps {held[0]} numbers to {held[1]}, but this "
-                    f"task needs {wanted[0]} to {wanted[1]}: it is of another task."
+                    f"task needs {wanted[0]} to {wanted[1]}: it was trained on another task."
                 )
         return [as_actor(n, spec) for n, spec in zip(self.networks, levels, strict=True)]
 

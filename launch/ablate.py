@@ -25,22 +25,23 @@ from launch.asking.request import Request
 _OUT = "runs/ablations"
 _SAME_WORK = ("batch_size", "updates_per_episode")  # not compared: the same in every variant
 
-_HELP = """Trains the same agents again and again, each time with one choice of HAC changed.
+_HELP = """Runs ablations: trains the same agents once per variant, with one choice of HAC changed.
 
   python launch/ablate.py --task=pendulum_balance --subgoal_layers=1 --seeds=5 --periods=5
 
-leaves a run folder for each variant: {out}/VARIANT/TASK.
-`python -m analysis.ablations --data={out}` compares what there is.
+writes a run folder for each variant: {out}/VARIANT/TASK.
+`python -m analysis.ablations --data={out}` compares them.
 
 Variants: {variants}
 
 Flags:
 {flags}
-  --config=launch/configs/paper.py    hyperparameters that the variants change
+  --config=launch/configs/paper.py    hyperparameters; each variant changes some
 
 Keys for --config.KEY=VALUE are those of launch/run.py.
 
-The same command again finishes what is missing. Exit status: as launch/run.py, the worst of all."""
+The same command resumes, and trains only what is missing. Exit status: the worst of those that
+launch/run.py would give for the variants."""
 
 
 def _choices_of(preset: str) -> dict[str, Any]:
@@ -89,7 +90,7 @@ def _flags() -> flags.FlagValues:
     """Those of launch/run.py, with other defaults, and --variants."""
     values = request.define_flags()
     values.set_default("out", _OUT)
-    values["out"].help = "holds a folder for each variant"
+    values["out"].help = "folder for the variants' run folders"
     values.set_default("video", False)
     flags.DEFINE_list("variants", list(VARIANTS), "which to train", flag_values=values)
     return values
@@ -97,7 +98,7 @@ def _flags() -> flags.FlagValues:
 
 def _named(words: Sequence[str]) -> Sequence[str]:
     if not words:
-        raise CommandError(f"flag --variants=: it takes some of {', '.join(VARIANTS)}")
+        raise CommandError(f"flag --variants=: give one or more of {', '.join(VARIANTS)}")
     for word in words:
         if word not in VARIANTS:
             raise CommandError(unknown("variant", word, VARIANTS))

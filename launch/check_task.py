@@ -27,7 +27,7 @@ from launch.asking import start
 from launch.asking.console import Console
 from tasks.authoring.check import Finding, findings
 
-_HELP = """Checks a dm_control task of your own before you train it, and says how to mend it.
+_HELP = """Checks a dm_control task of your own before you train on it, and says how to fix it.
 
   python launch/check_task.py path/to/arm.py:arm_reach
 
@@ -45,7 +45,7 @@ _SECONDS = 120
 def main(argv: Sequence[str]) -> int:
     """Carries out a command; returns the exit status that --help states."""
     values = flags.FlagValues()
-    flags.DEFINE_string("still", None, "where the picture goes; if not given, NAME.png", values)
+    flags.DEFINE_string("still", None, "file for the picture; default: NAME.png", values)
     flags.DEFINE_boolean("still_only", False, "only render, with the GL of MUJOCO_GL", values)
     check = program.Program(_HELP, values, words="one task, as in path/to/arm.py:arm_reach")
     return program.carry_out(check, argv, lambda words: _check(words[0], values))
@@ -54,7 +54,7 @@ def main(argv: Sequence[str]) -> int:
 def _check(word: str, values: flags.FlagValues) -> int:
     if word.startswith("gym:") or word.endswith(".toml"):
         raise CommandError(
-            f"{word}: it checks dm_control tasks; `python launch/fit.py` looks at this"
+            f"{word}: this program checks dm_control tasks; use `python launch/fit.py` for this one"
         )
     try:
         entry = tasks.find(word)
@@ -94,14 +94,14 @@ def _still(word: str, path: Path) -> Finding:
                 problems.append(f"{backend}: no picture within {_SECONDS} s")
                 continue
         if process.returncode == 0:
-            return Finding("good", f"{path}: how it looks")
+            return Finding("good", f"{path}: a picture of a test start")
         if process.returncode == 1:
             return Finding(
                 "wrong",
-                f"{path}: the picture is of one colour",
-                "turn the first camera to the scene, and light it",
+                f"{path}: the picture shows a single colour",
+                "point the first camera at the scene, and add a light",
             )
-        lines = printed.strip().splitlines() or [f"it ended with {process.returncode}"]
+        lines = printed.strip().splitlines() or [f"exit status {process.returncode}"]
         problems.append(f"{backend}: {lines[-1].strip()}")
     return Finding(
         "doubtful",

@@ -19,14 +19,14 @@ from analysis import program
 from launch.folder import manifest
 from launch.pictures import video
 
-_HELP = """Tries what training and rendering need on this machine, and says how to mend what fails.
+_HELP = """Checks what training and rendering need on this machine, and says how to fix what fails.
 
   python launch/doctor.py
 
 Flags:
 {flags}
 
-Exit status: 0 all that is needed works; 1 something does not; 2 the command was wrong."""
+Exit status: 0 everything works; 1 something does not; 2 the command was wrong."""
 
 _PROBE_SECONDS = 60.0
 _REINSTALL = "install the pinned packages again: rm -r .venv && make setup"
@@ -121,7 +121,7 @@ def check_needs() -> list[Finding]:
         Finding(
             disk <= room,
             f"disk: {needs.told(room)} free in {Path.cwd()}; {run} {needs.told(disk)}",
-            "make room, give another --out, or --keep_final=false",
+            "free some disk space, give another --out, or use --keep_final=false",
         ),
     ]
 

@@ -108,7 +108,7 @@ def _short(request: Request) -> Iterator[str]:
         for layers, attempts in request.attempts.items():
             if math.prod(attempts) < 0.9 * steps:
                 yield (
-                    f"warning: {Agent(task, layers)}: T = {list(attempts)} allows "
+                    f"warning: {Agent(task, layers)}: T = {list(attempts)} allows only "
                     f"{math.prod(attempts)} of the {steps} steps of a training episode"
                 )
 
@@ -221,8 +221,8 @@ def _other_code(launch: Launch, standing: Iterable[Seeds]) -> Iterator[str]:
         then = (manifest.read(launch.folders[task].manifest) or {}).get("commit")
         if then and now and then != now:
             yield (
-                f"warning: {task}: commit {then} began what {now} goes on with; the rest may "
-                "differ from what that would have given (the manifest has both)"
+                f"warning: {task}: begun with commit {then} and resumed with {now}; the rest may "
+                f"differ from what {then} would have given (the manifest has both)"
             )
 
 
@@ -308,13 +308,13 @@ def _said(seeds: Seeds, request: Request) -> list[str]:
     if seeds.interrupted:
         episodes = sorted({standing.train_episodes for standing in seeds.interrupted.values()})
         lines.append(
-            f"{seeds.agent}: {len(seeds.interrupted)} seed(s) go on from episode "
+            f"{seeds.agent}: {len(seeds.interrupted)} seed(s) resume from episode "
             + ", ".join(map(str, episodes))
         )
     if seeds.again:
         lines.append(
-            f"{seeds.agent}: {len(seeds.again)} seed(s) lack rows that their policies had; they "
-            "are trained again from the start"
+            f"{seeds.agent}: {len(seeds.again)} seed(s) have a policy but lack some of its rows; "
+            "they are trained again from the start"
         )
     return lines
 
@@ -364,15 +364,15 @@ def _kept(folder: RunFolder) -> Iterator[str]:
     size = folder.checkpoint_bytes()
     if size:
         yield (
-            f"{folder.checkpoints}: {needs.told(size)}, from which more --periods train on; "
-            "--keep_final=false goes without"
+            f"{folder.checkpoints}: {needs.told(size)}, which allow more --periods later; "
+            "--keep_final=false keeps none"
         )
 
 
 def _conclude(launch: Launch, recorder: Recorder) -> int:
     """Prints how it ended; returns the exit status."""
     if launch.stop.number is not None:
-        launch.say("stopped; finished runs are kept, and the same command goes on from there")
+        launch.say("stopped; finished runs are kept, and the same command resumes")
         return 128 + launch.stop.number
     for folder in launch.folders.values():
         summary.summarise(folder, launch.console)
@@ -385,5 +385,5 @@ def _conclude(launch: Launch, recorder: Recorder) -> int:
             style="red",
         )
     if recorder.failures:
-        launch.say("the same command tries again what failed, and only that")
+        launch.say("the same command retries only what failed")
     return 1 if recorder.failures else 0

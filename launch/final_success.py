@@ -27,13 +27,14 @@ from launch.asking import lists, settings
 from launch.asking.console import Console
 from launch.folder import policies
 
-_HELP = """Plays test episodes of trained policies on after the goal, to their last step.
+_HELP = """Measures success at the end of test episodes, not only at the first touch of the goal.
 
   python launch/final_success.py --task=gym:gymnasium_robotics:FetchReach-v4
 
-The suite's success is the first touch of the goal. Others count whether the goal holds at the
-episode's end. This prints both for each agent, mean and range over seeds, and for what share of
-the steps after the first touch the goal holds.
+The suite counts the first touch of the goal as success. Other benchmarks count whether the goal is
+achieved at the end of the episode. This program plays test episodes to their last step. It prints
+both rates for each agent, as mean and range over seeds, and the share of steps after the first
+touch at which the goal is achieved.
 
 Flags:
 {flags}
@@ -83,7 +84,7 @@ def main(argv: Sequence[str]) -> int:
     """Carries out a command; returns the exit status that --help states."""
     values = flags.FlagValues()
     lists.define_task(values, "pick_place", lists.ANY_TASK)
-    flags.DEFINE_string("run", None, "run folder; if not given, runs/TASK", values)
+    flags.DEFINE_string("run", None, "run folder; default: runs/TASK", values)
     program.define_count(values, "episodes", 64, "test episodes of each policy", least=1)
     return program.carry_out(program.Program(_HELP, values), argv, lambda _: _show(values))
 

@@ -31,13 +31,14 @@ from tasks.worlds.copies import EnvFailed
 from tasks.worlds.estimates import Played
 from tasks.worlds.settings import Settings, as_toml
 
-_HELP = """Estimates what a task comes without: scales, bounds, thresholds, T; writes a file.
+_HELP = """Estimates scales, bounds, thresholds and T for a task, and writes them to a file.
 
   python launch/fit.py --task=gym:gymnasium_robotics:PointMaze_UMaze-v3
   python launch/run.py --task=PointMaze_UMaze-v3_fit.toml
 
-It plays random episodes, trains a flat agent a little, and looks at where both came. The file is
-short and commented: edit what you know better. Warnings say what will not learn, and why.
+It plays random episodes, trains a flat agent for a short time, and estimates the numbers from the
+states that both reach. The file is short and has comments: edit what you know better. Warnings say
+which settings will not learn, and why.
 
 Flags:
 {flags}
@@ -66,26 +67,36 @@ def main(argv: Sequence[str]) -> int:
 def _flags() -> flags.FlagValues:
     values = flags.FlagValues()
     lists.define_task(values, None, lists.ANY_TASK)
-    flags.DEFINE_string("output", None, "the file; if not given, TASK_fit.toml here", values)
-    flags.DEFINE_boolean("overwrite", False, "whether a file may be written over", values)
+    flags.DEFINE_string(
+        "output", None, "file to write; default: TASK_fit.toml in this folder", values
+    )
+    flags.DEFINE_boolean("overwrite", False, "overwrite an existing file", values)
     program.define_count(
-        values, "train_episodes", 60, "of the flat agent; 0: random episodes only", least=0
+        values,
+        "train_episodes",
+        60,
+        "training episodes of the flat agent; 0: use random episodes only",
+        least=0,
     )
     return values
 
 
 def _fit(values: flags.FlagValues) -> int:
     if values.task is None:
-        raise CommandError("flag --task: say which, as in --task=gym:PointMaze_UMaze-v3")
+        raise CommandError(
+            "flag --task is missing: give a task, as in --task=gym:PointMaze_UMaze-v3"
+        )
     try:
         task = tasks.unfitted(lists.task_word(values))
     except ValueError as error:
         raise CommandError(str(error)) from error
     output = Path(values.output or f"{task.name}_fit.toml")
     if output.suffix != ".toml" or output.stem in tasks.ALL:
-        raise CommandError(f"flag --output={output}: its name ends in .toml, and is no task's")
+        raise CommandError(
+            f"flag --output={output}: give a name that ends in .toml and is not that of a task"
+        )
     if output.exists() and not values.overwrite:
-        raise CommandError(f"{output} is there already; --overwrite writes over it")
+        raise CommandError(f"{output} exists already; add --overwrite to replace it")
     console = Console()
     for note in task.notes:
         console.say(f"note: {note}")
@@ -188,9 +199,16 @@ def _settings_table(task: tasks.Unfitted, settings: Settings) -> Table:
 
 def _episodes_table(found: Fit) -> Table:
     table = Table(box=None, pad_edge=False, header_style="bold")
-    for heading in ("episodes", "number", "success", "goal held at start", "failed", "cut short"):
+    for heading in (
+        "episodes",
+        "number",
+        "success",
+        "goal achieved at start",
+        "failed",
+        "cut short",
+    ):
         table.add_column(heading, justify="left" if heading == "episodes" else "right")
-    for name, played in (("random", found.random), ("flat agent, little trained", found.learnt)):
+    for name, played in (("random", found.random), ("flat agent, briefly trained", found.learnt)):
         if played is not None:
             cells = [f"{share:.0%}" for share in seen.shares(played)]
             table.add_row(name, str(len(played.steps)), *cells)

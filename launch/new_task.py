@@ -20,26 +20,28 @@ from analysis.program import CommandError
 from analysis.reading.files import write_text
 from tasks.authoring.beginning import begin
 
-_HELP = """Begins a task of your own from an MJCF model: a point is to come to places it can reach.
+_HELP = """Writes a task for an MJCF model: move a point of the model to places that it can reach.
 
   python launch/new_task.py arm_reach path/to/arm.xml
   python launch/check_task.py arm_reach.py:arm_reach
   python launch/run.py --task=arm_reach.py:arm_reach
 
-It writes NAME.xml, the model with sensors, a camera and a light added where there are none, and
-NAME.py, a task that works as it is and is yours to change.
+It writes NAME.xml, the model with sensors, a camera and a light added if it has none, and NAME.py,
+a task that works as it is and that you can edit.
 
 Flags:
 {flags}
 
-Exit status: 0 both are written; 2 the command was wrong, or the model is none to begin from."""
+Exit status: 0 both are written; 2 the command was wrong, or the model cannot be used."""
 
 
 def main(argv: Sequence[str]) -> int:
     """Carries out a command; returns the exit status that --help states."""
     values = flags.FlagValues()
-    flags.DEFINE_string("point", None, "the site or body that is to come to the goal", values)
-    flags.DEFINE_boolean("overwrite", False, "whether files may be written over", values)
+    flags.DEFINE_string(
+        "point", None, "site or body that moves to the goal; default: the end of the chain", values
+    )
+    flags.DEFINE_boolean("overwrite", False, "overwrite existing files", values)
     what = "a name and a model, as in arm_reach path/to/arm.xml"
     own = program.Program(_HELP, values, words=what, several_words=True)
     return program.carry_out(own, argv, lambda words: _new(words, values))
@@ -47,16 +49,19 @@ def main(argv: Sequence[str]) -> int:
 
 def _new(words: list[str], values: flags.FlagValues) -> int:
     if len(words) != 2:
-        raise CommandError("it takes a name and a model, as in arm_reach path/to/arm.xml")
+        raise CommandError("give a name and a model, as in arm_reach path/to/arm.xml")
     name, model = words[0], Path(words[1])
     if not re.fullmatch(r"[a-z][a-z0-9_]*", name) or name in tasks.ALL:
-        raise CommandError(f"{name!r}: a task's name is small letters, digits and _, and its own")
+        raise CommandError(
+            f"{name!r}: a task's name has lower-case letters, digits and _, and no other task has "
+            "it"
+        )
     if not model.is_file():
         raise CommandError(f"there is no model {str(model)!r}")
     targets = Path(f"{name}.py"), Path(f"{name}.xml")
     for target in targets:
         if target.exists() and not values.overwrite:
-            raise CommandError(f"{target} is there already; --overwrite writes over it")
+            raise CommandError(f"{target} exists already; add --overwrite to replace it")
     try:
         begun = begin(name, model, values.point)
     except ValueError as error:

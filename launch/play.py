@@ -29,13 +29,14 @@ _HELP = """Renders test episodes of a trained policy into a file, or plays them 
   python launch/play.py --task=pick_place --output=episode.html
   python launch/play.py --task=pick_place --viewer=auto
 
-Under a film's or a strip's picture is a lane for the end goal and one for each level's subgoals:
-green ones were achieved, red ones missed, grey ones cut short because a level above was done.
+Below the picture of a video or strip is a lane for the end goal and one for each level's subgoals:
+green ones were achieved, red ones missed, grey ones cut short because a level above achieved its
+goal.
 
-An .html is one episode in 3-D to turn and to scrub, in one file that needs no server (extra
+An .html is one episode in 3-D that you can turn and scrub, in one file that needs no server (extra
 [viewer]). --viewer writes no file: `window` is MuJoCo's own window, `page` that of launch/view.py,
-and `auto` the window where there is a display, else the page. Without a run of your own it plays
-the published policy of the task.
+and `auto` the window if there is a display, else the page. If you have not trained an agent, it
+plays the published policy of the task.
 
 Flags:
 {flags}
@@ -78,13 +79,15 @@ def _play(values: flags.FlagValues) -> int:
 def _flags() -> flags.FlagValues:
     values = flags.FlagValues()
     lists.define_task(values, "pick_place", lists.ANY_TASK)
-    program.define_count(values, "subgoal_layers", 2, "which agent", least=0)
+    program.define_count(
+        values, "subgoal_layers", 2, "number of subgoal layers of the agent", least=0
+    )
     lists.define_run(values)
     program.define_count(
         values,
         "seed",
         None,
-        "if not given, the median seed, or the best if it never succeeds",
+        "seed of the policy; default: the median seed, or the best if that one never succeeds",
         least=0,
     )
     flags.DEFINE_string(
@@ -93,7 +96,7 @@ def _flags() -> flags.FlagValues:
         ".mp4: a video; .png: a strip of frames; .html: an episode in 3-D",
         values,
     )
-    program.define_count(values, "episodes", 1, "how many a video shows", least=1)
+    program.define_count(values, "episodes", 1, "number of episodes in a video", least=1)
     looks.define(values, "1280x720")
     flags.DEFINE_enum(
         "viewer", "none", ["none", *live.VIEWERS], "watch it live instead of writing a file", values
@@ -115,7 +118,7 @@ def _output(values: flags.FlagValues) -> Path:
     """Where the picture goes."""
     output = Path(values.output)
     if output.suffix not in _SUFFIXES:
-        raise CommandError(f"flag --output={output}: its name ends in .mp4, .png or .html")
+        raise CommandError(f"flag --output={output}: give a name that ends in .mp4, .png or .html")
     if output.suffix == ".html":
         serving.check()
     return output

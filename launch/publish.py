@@ -25,16 +25,16 @@ from launch.folder import manifest, policies, states
 from launch.folder.layout import RunFolder
 from launch.recording import joining
 
-_HELP = """Puts a finished run folder where the analysis and play.py look for published results.
+_HELP = """Publishes a finished run folder: copies it where the analysis and play.py find it.
 
   python launch/publish.py --task=pick_place
 
 copies results.csv, figure.csv, figure.png and manifest.json to analysis/data/grid/TASK, replays the
 policies to record their subgoals there, and copies the best seed's policy of each agent to
-assets/policies. --add keeps what is published of other agents and seeds, so that an experiment can
-be trained in pieces, on several machines. Each of the two folders is built beside and put in place
-in one rename: a kill leaves it as it was. A run that has failed for good is shown by the manifest
-and by the smaller n.
+assets/policies. --add keeps the published results of other agents and seeds, so you can train an
+experiment in pieces, on several machines. Each of the two folders is replaced in one rename: if the
+program is killed, it holds either the old or the new results. If a run failed for good, the
+manifest lists it, and n is smaller.
 
 Flags:
 {flags}
@@ -60,9 +60,11 @@ def _publish(values: flags.FlagValues) -> None:
 def _flags() -> flags.FlagValues:
     values = flags.FlagValues()
     flags.DEFINE_string("task", "pick_place", "which task", values)
-    flags.DEFINE_string("runs", "runs", "holds the task's run folder", values)
+    flags.DEFINE_string("runs", "runs", "folder that holds the task's run folder", values)
     define_places(values)
-    flags.DEFINE_boolean("add", False, "keep other agents and seeds that are published", values)
+    flags.DEFINE_boolean(
+        "add", False, "keep the published results of other agents and seeds", values
+    )
     return values
 
 
@@ -88,8 +90,8 @@ def publish(folder: RunFolder, data: Path, chosen: Path, *, add: bool = False) -
     open_runs = [run for run in state.runs if run.state not in ("done", "failed")]
     if open_runs or not state.runs:
         raise CommandError(
-            f"{folder.path}: {len(open_runs)} of its {len(state.runs)} runs are not finished; "
-            "the command that began them goes on with them"
+            f"{folder.path}: {len(open_runs)} of its {len(state.runs)} runs are not finished; the "
+            "command that began them resumes them"
         )
     found = policies.find(folder.policies)
     add = add and (data / folder.task / names.RESULTS).is_file()

@@ -31,14 +31,14 @@ from launch.recording.anatomy import anatomy
 
 _EPISODES = 32  # of each policy
 _GALLERY = 4  # failures of each agent that are kept whole
-_HELP = """Replays test episodes of a run's policies and records what explains them in pictures.
+_HELP = """Replays test episodes of a run's policies and records data for explaining pictures.
 
   python launch/record_episodes.py --task=ur5_reacher
   python -m analysis.explain runs/ur5_reacher
 
 writes into the run folder: starts.csv, the start, goal and outcome of every episode; failures.json,
-whole episodes that failed; maps.csv, every subgoal, also of the policies that --keep_policies kept;
-values.json, what critics expect over the goals of each level.
+whole episodes that failed; maps.csv, every subgoal, also of policies that --keep_policies kept; and
+values.json, Q over the goals of each level.
 
 Flags:
 {flags}
@@ -56,7 +56,7 @@ def _flags() -> flags.FlagValues:
     values = flags.FlagValues()
     lists.define_task(values, "pick_place", lists.ANY_TASK)
     lists.define_run(values)
-    flags.DEFINE_string("output", None, "folder for the files; if not given, the run's", values)
+    flags.DEFINE_string("output", None, "folder for the files; default: the run folder", values)
     program.define_count(values, "episodes", _EPISODES, "test episodes of each policy", least=1)
     return values
 

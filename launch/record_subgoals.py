@@ -68,8 +68,10 @@ def _record(values: flags.FlagValues) -> None:
 def _flags() -> flags.FlagValues:
     values = flags.FlagValues()
     lists.define_task(values, "pick_place", lists.ANY_TASK)
-    flags.DEFINE_string("policies", None, "their folder; if not given, runs/TASK/policies", values)
-    flags.DEFINE_string("output", None, "folder for the files; if not given, runs/TASK", values)
+    flags.DEFINE_string(
+        "policies", None, "folder of the policies; default: runs/TASK/policies", values
+    )
+    flags.DEFINE_string("output", None, "folder for the files; default: runs/TASK", values)
     program.define_count(values, "episodes", EPISODES, "test episodes of each policy", least=1)
     return values
 

@@ -27,15 +27,15 @@ from launch.pictures import choosing, video
 
 _SUFFIXES = (".webp", ".gif", ".mp4")
 _SIZE = "960x420"
-_HELP = """Films a task's agents from the same start, side by side, in one moving picture.
+_HELP = """Renders a task's agents from the same start, side by side, in one animated picture.
 
   python launch/side_by_side.py --task=ur5_reacher --output=agents.webp
   python launch/run.py --task=ur5_reacher --seeds=1 --subgoal_layers=2 --keep_policies=0,1,3,10
   python launch/side_by_side.py --task=ur5_reacher --training --output=training.webp
 
-The first shows agents with 0, 1 and 2 subgoal layers. The last shows one agent as it was at the
-test periods whose policies were kept. All begin from the first test start from which the last of
-them reaches the goal; --episode chooses another. A .webp or .gif plays without end.
+The first command shows agents with 0, 1 and 2 subgoal layers. The last shows one agent at the test
+periods whose policies were kept. All begin from the first test start from which the last of them
+reaches the goal; --episode chooses another start. A .webp or .gif repeats endlessly.
 
 Flags:
 {flags}
@@ -60,15 +60,32 @@ def _flags() -> flags.FlagValues:
     values = flags.FlagValues()
     lists.define_task(values, "ur5_reacher", lists.ANY_TASK)
     lists.define_run(values)
-    flags.DEFINE_boolean("training", False, "one agent at several stages of its training", values)
-    program.define_count(values, "subgoal_layers", 2, "which agent, with --training", least=0)
-    program.define_count(values, "seed", None, "if not given, each agent's median seed", least=0)
+    flags.DEFINE_boolean("training", False, "show one agent at several stages of training", values)
     program.define_count(
-        values, "episode", None, "seed of the episode", least=0, most=choosing.MOST_SEED
+        values,
+        "subgoal_layers",
+        2,
+        "number of subgoal layers of the agent, with --training",
+        least=0,
+    )
+    program.define_count(
+        values, "seed", None, "seed of the agents; default: each agent's median seed", least=0
+    )
+    program.define_count(
+        values,
+        "episode",
+        None,
+        "seed of the test start; default: chosen as above",
+        least=0,
+        most=choosing.MOST_SEED,
     )
     flags.DEFINE_string("output", "side_by_side.webp", "a .webp, .gif or .mp4", values)
     flags.DEFINE_float(
-        "megabytes", 3.0, "that a .webp or .gif may take", lower_bound=0.01, flag_values=values
+        "megabytes",
+        3.0,
+        "largest size of a .webp or .gif, in megabytes",
+        lower_bound=0.01,
+        flag_values=values,
     )
     looks.define(values, _SIZE)
     return values
@@ -78,7 +95,7 @@ def _film(values: flags.FlagValues) -> int:
     task = lists.task(lists.task_word(values))
     output = Path(values.output)
     if output.suffix not in _SUFFIXES:
-        raise CommandError(f"flag --output={output}: its name ends in .webp, .gif or .mp4")
+        raise CommandError(f"flag --output={output}: give a name that ends in .webp, .gif or .mp4")
     look = video.Look(values.speed, values.camera, looks.size(values.size))
     columns = _stages(values, task) if values.training else _agents(values, task)
     task = columns[-1].policy.task

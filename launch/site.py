@@ -26,7 +26,7 @@ from launch.folder.layout import RunFolder
 from launch.pictures import replay
 from launch.pictures.video import RenderingError
 
-_HELP = """Makes one static folder of the published results and, if they are built, the docs.
+_HELP = """Makes a static web site of the published results and, if they are built, the docs.
 
   python launch/site.py --output=build/site --docs=build/docs
   python -m http.server --directory build/site
@@ -37,7 +37,7 @@ of each agent's published policy, and to the docs. Any web server can serve the 
 Flags:
 {flags}
 
-Exit status: 0 done; 2 the command was wrong, or what it is to read is not there or damaged."""
+Exit status: 0 done; 2 the command was wrong, or a file to read is missing or damaged."""
 
 _DOCS = "docs"
 
@@ -50,9 +50,11 @@ def main(argv: Sequence[str]) -> int:
 
 def _flags() -> flags.FlagValues:
     values = flags.FlagValues()
-    flags.DEFINE_string("output", "build/site", "the folder to make, or to make again", values)
+    flags.DEFINE_string("output", "build/site", "folder to write, or to replace", values)
     publish.define_places(values)
-    flags.DEFINE_string("docs", None, "holds the docs as web pages; none: a site without", values)
+    flags.DEFINE_string(
+        "docs", None, "folder with the docs as web pages; empty: a site without docs", values
+    )
     return values
 
 
@@ -69,9 +71,9 @@ def build(output: Path, data: Path, chosen: Path, docs: Path | None) -> Path:
       ValueError: there are no published results, or they are damaged.
     """
     if docs is not None and not (docs / "index.html").is_file():
-        raise CommandError(f"{docs}: holds no docs as web pages; `make docs` builds them")
+        raise CommandError(f"{docs}: holds no docs as web pages; run `make docs` to build them")
     if any(output.glob("*")) and not (output / "index.html").is_file():
-        raise CommandError(f"{output}: holds other things than a site; give another --output")
+        raise CommandError(f"{output}: holds files that are no site; give another --output")
     found = policies.find(chosen)
     results = grid.load_grid(data)  # before anything is made
     with files.swapping(output) as site:

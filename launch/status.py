@@ -18,16 +18,17 @@ from launch.folder.layout import RunFolder
 from launch.folder.states import FolderState, RunState
 from launch.jobs.progress import duration
 
-_HELP = """Says from a run folder's files how its experiment stands, whether it runs or died.
+_HELP = """Prints the progress of a run folder's experiment, whether it is running or was killed.
 
   python launch/status.py runs/pick_place
 
-Runs are done; running; waiting (not begun); stopped (begun, and no process is at work); or failed.
+A run is done, running, waiting (not begun), stopped (begun, but no process works on it), or
+failed.
 
 Flags:
 {flags}
 
-Exit status: 0; 2 that is no run folder."""
+Exit status: 0; 2 the folder is no run folder, or the command was wrong."""
 _WIDTH = 120  # where the output is no terminal
 
 
@@ -65,14 +66,14 @@ def _headline(state: FolderState) -> str:
         who, since = state.holder.get("pid", "unknown"), state.holder.get("since", "unknown")
         return f"running (process {who}, since {since}), {done}{_left(state, '')}"
     if _count(state.runs, "waiting") or _count(state.runs, "stopped"):
-        return f"interrupted, no process is at work on it; {done}{_left(state, ' once it goes on')}"
+        return f"interrupted, no process is running; {done}{_left(state, ' after it resumes')}"
     finished = state.manifest.get("finished")
     return f"ended{f' at {finished}' if finished else ''}, {done}"
 
 
 def _left(state: FolderState, when: str) -> str:
     if state.seconds_left is None:
-        return "; the time left shows after the first periods"
+        return "; the time left is shown after the first test periods"
     return f"; about {duration(state.seconds_left)} left{when}"
 
 
@@ -122,7 +123,7 @@ def _going_on(state: FolderState) -> list[str]:
     command = state.manifest.get("command")
     if state.holder is not None or not due or not isinstance(command, list):
         return []
-    return [f"to go on: {shlex.join(map(str, command))}"]
+    return [f"to resume: {shlex.join(map(str, command))}"]
 
 
 if __name__ == "__main__":

@@ -32,15 +32,15 @@ _OUT = "analysis/data/tuning"
 _FIRST_SEED = 100  # those below are for published results, and those are not tuned on
 _STOPPING = b"\nstopping: the trials in hand end, the journal is kept; once more quits at once\n"
 
-_HELP = """Tunes one kind of agent within a budget of core-hours that all launches share.
+_HELP = """Tunes an agent's hyperparameters, within a budget of core-hours that all launches share.
 
   python launch/tune.py --task=cartpole_swingup,pick_place --subgoal_layers=2 --hours=3
 
-Each trial trains a setting of {search} on all seeds of the tasks, and counts by
-success against episodes and against CPU time. Trials that do worse than most are pruned. The first
-ones are the settings that the file names as starts, such as the defaults. Trials are kept in
-OUT/TASKS_LAYERSlayers.journal, which launches on other machines may share.
-`python -m analysis.tuning` draws what mattered.
+Each trial trains all seeds of the tasks with hyperparameters from the search space in
+{search}. Its objective combines success against episodes and success against
+CPU time. Trials worse than most are pruned. The first trials are those that the file lists as
+starts, such as the defaults. OUT/TASKS_LAYERSlayers.journal keeps the trials; launches on other
+machines may share it. `python -m analysis.tuning` shows which hyperparameters mattered.
 
 Flags:
 {flags}
@@ -100,7 +100,7 @@ def tune(asked: Request, train: Train) -> int:
     with StopSignal(_STOPPING) as stop:
         failures = worker.carry_out(plan, asked.workers, stop)
         if stop.number is not None:
-            print("stopped; finished trials are kept, and the same command continues")
+            print("stopped; finished trials are kept, and the same command resumes the study")
             return 128 + stop.number
     return 1 if failures else 0
 
@@ -108,25 +108,32 @@ def tune(asked: Request, train: Train) -> int:
 def _flags() -> flags.FlagValues:
     values = flags.FlagValues()
     flags.DEFINE_list(
-        "task", "cartpole_swingup", "one or more: a trial trains all", flag_values=values
+        "task",
+        "cartpole_swingup",
+        "one or more tasks; each trial trains on all of them",
+        flag_values=values,
     )
     program.define_count(
         values,
         "subgoal_layers",
         1,
-        "which agent; 0 is DDPG with hindsight",
+        "number of subgoal layers; 0: the flat agent",
         least=0,
         most=schema.MAX_LEVELS - 1,
     )
-    flags.DEFINE_string("learner", None, "ddpg, td3 or FILE.py:CLASS; none: the default", values)
-    flags.DEFINE_string("seeds", "100-103", "which: 100-103 or 105,107", values)
-    program.define_count(values, "periods", 5, "test periods that a trial trains for", least=1)
-    flags.DEFINE_float(
-        "hours", 1.0, "core-hours of this study, all launches together", flag_values=values
+    flags.DEFINE_string(
+        "learner", None, "ddpg, td3 or FILE.py:CLASS; default: that of the configuration", values
     )
-    program.define_count(values, "workers", 1, "trials at a time", least=1, most=1000)
+    flags.DEFINE_string("seeds", "100-103", "seeds, such as 100-103 or 105,107", values)
+    program.define_count(values, "periods", 5, "test periods per trial", least=1)
+    flags.DEFINE_float(
+        "hours", 1.0, "budget of the study in core-hours, over all launches", flag_values=values
+    )
+    program.define_count(
+        values, "workers", 1, "trials that run at the same time", least=1, most=1000
+    )
     flags.DEFINE_string("search", os.path.relpath(space.FILE), "what is varied", values)
-    flags.DEFINE_string("out", _OUT, "holds a journal for each study", values)
+    flags.DEFINE_string("out", _OUT, "folder for the journals of studies", values)
     return values
 
 
@@ -137,7 +144,7 @@ def _request(values: flags.FlagValues) -> Request:
             "`python -m pip install -c constraints.txt -e '.[tune]'` adds it"
         )
     if not 0 < values.hours < math.inf:
-        raise CommandError(f"flag --hours={values.hours:g}: it takes core-hours above zero")
+        raise CommandError(f"flag --hours={values.hours:g}: give a number of core-hours above zero")
     return Request(
         tasks=_tasks(values.task),
         subgoal_layers=values.subgoal_layers,
@@ -154,9 +161,9 @@ def _request(values: flags.FlagValues) -> Request:
 def _tasks(words: Sequence[str]) -> tuple[str, ...]:
     names = tuple(name for word in words for name in lists.tasks_named(word.strip()))
     if own := [name for name in names if name not in tasks.ALL]:
-        raise CommandError(f"flag --task: {own[0]} is in a file; it takes the suite's tasks")
+        raise CommandError(f"flag --task: {own[0]} is in a file; give tasks of the suite")
     if not names or len(set(names)) < len(names):
-        raise CommandError(f"flag --task={','.join(words)}: it takes tasks, each of them once")
+        raise CommandError(f"flag --task={','.join(words)}: give each task once")
     return names
 
 
@@ -164,8 +171,9 @@ def _seeds(word: str) -> tuple[int, ...]:
     seeds = lists.seeds(word)
     if min(seeds) < _FIRST_SEED:
         raise CommandError(
-            f"flag --seeds={word} names seed {min(seeds)}: those below {_FIRST_SEED} are for "
-            f"published results; tune on others, as in --seeds={_FIRST_SEED}-{_FIRST_SEED + 3}"
+            f"flag --seeds={word} names seed {min(seeds)}: seeds below {_FIRST_SEED} are for "
+            "published results; tune on other seeds, as in "
+            f"--seeds={_FIRST_SEED}-{_FIRST_SEED + 3}"
         )
     return seeds
 
@@ -179,7 +187,7 @@ def _learner(name: str | None) -> str | None:
 
 def _out(name: str) -> Path:
     if not name.isprintable() or not name:
-        raise CommandError(f"flag --out={name!r}: a folder's name is printable text")
+        raise CommandError(f"flag --out={name!r}: give a name of printable characters")
     path = Path(name)
     for existing in (path, *path.parents):
         if existing.exists() and not existing.is_dir():

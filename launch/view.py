@@ -19,20 +19,20 @@ from launch.folder import policies
 from launch.jobs.local import StopSignal
 from launch.viewing import serving
 
-_HELP = """Opens a page on this machine on which a trained policy is watched, stepped and teased.
+_HELP = """Serves a page that plays a trained policy live and lets you move the goal.
 
   python launch/view.py --task=pick_place --subgoal_layers=2
 
 The page shows the bodies, the end goal and every level's subgoal in 3-D. Play, pause, step, choose
-another episode, policy or agent, and drag the end goal: a new episode begins from where things
-are. Beside the picture: attempts left, Q and outcomes of every level. Without a run of your own it
-shows the published policies. Over ssh, forward the port with the line that it prints. Ctrl-C ends
-it.
+another episode, policy or agent, and drag the end goal: a new episode begins from the current
+state. Beside the picture it shows attempts left, Q and outcomes of every level. If you have not
+trained an agent, it shows the published policies. Over ssh, forward the port with the line that it
+prints. Ctrl-C stops it.
 
 Flags:
 {flags}
 
-Exit status: 0 it was ended; 2 the command was wrong, or the extra [viewer] is not installed."""
+Exit status: 0 it was stopped; 2 the command was wrong, or the extra [viewer] is not installed."""
 
 
 def main(argv: Sequence[str]) -> int:
@@ -63,19 +63,21 @@ def _view(values: flags.FlagValues) -> int:
 def _flags() -> flags.FlagValues:
     values = flags.FlagValues()
     lists.define_task(values, "pick_place", lists.ANY_TASK)
-    program.define_count(values, "subgoal_layers", 2, "which agent to begin with", least=0)
+    program.define_count(
+        values, "subgoal_layers", 2, "number of subgoal layers of the agent to show first", least=0
+    )
     lists.define_run(values)
     program.define_count(
-        values, "seed", None, "which policy to begin with; if not given, the median seed", least=0
+        values, "seed", None, "seed of the policy to show first; default: the median seed", least=0
     )
     flags.DEFINE_string(
         "host",
         serving.LOOPBACK,
-        "where to listen; any other address lets other machines in, and no password is asked for",
+        "address to listen on; any other address admits other machines, without a password",
         values,
     )
     program.define_count(
-        values, "port", serving.PORT, "where to listen; the next that is free", least=1024,
+        values, "port", serving.PORT, "port, or the next free one", least=1024,
         most=65535,
     )  # fmt: skip
     return values

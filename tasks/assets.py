@@ -11,7 +11,9 @@ MJCF_DIRECTORY = pathlib.Path(__file__).resolve().parent.parent / "assets" / "mj
 
 _MISSING = "the MJCF file {path!r} is missing; reinstall the project or restore it with git"
 _BROKEN = "the MJCF file {path!r} could not be parsed: {error}"
-_NO_RANGE = "actuator {name!r} of {filename!r} needs a ctrlrange: a task's actions are bounded"
+_NO_RANGE = (
+    "actuator {name!r} of {filename!r} needs a ctrlrange, because a task's actions must be bounded"
+)
 
 
 def load_mjcf(filename: str) -> mjcf.RootElement:

@@ -29,14 +29,14 @@ ALL: tuple[str, ...] = tuple(registry.names())
 
 _UNKNOWN = "unknown task {word!r}: {remedy}"
 _ANY = "it is one of {names}, path/to/file.py:name, gym:ID, gym:module:ID, or settings.toml"
-_NO_NAME = "task file {path}: say which of its tasks, as in {path}:{name}"
+_NO_NAME = "task file {path}: add the name of its task, as in {path}:{name}"
 _NO_FILE = "task file {path}: there is no such file"
 _BROKEN = "task file {path}{where}: {error}"
 _NO_SETTINGS = (
     "settings {path}: there is no such file; `python launch/fit.py --task=...` writes one"
 )
 _SETTINGS_NAME = (
-    "settings {path}: a task of the suite is called {name!r}; give the file another name"
+    "settings {path}: {name!r} is the name of a task of the suite; give the file another name"
 )
 _NOT_THERE = "task file {path} registers no task {name!r}: {remedy}"
 
@@ -117,7 +117,9 @@ def _in_a_file(word: str) -> registry.Entry | None:
     if not name and found:
         raise ValueError(_NO_NAME.format(path=path, name=next(iter(found))))
     remedy = _did_you_mean(name, found) or (
-        f"it registers {_listed(found)}" if found else "it registers none with tasks.registry.add"
+        f"it registers {_listed(found)}"
+        if found
+        else "it registers no task with tasks.registry.add"
     )
     raise ValueError(_NOT_THERE.format(path=path, name=name, remedy=remedy))
 

@@ -10,7 +10,7 @@ from tasks import base
 from tasks.task_spec import TaskSpec
 from tasks.vector import VectorEnv
 
-_TAKEN = "a task called {name!r} is registered already"
+_TAKEN = "a task named {name!r} is already registered"
 
 
 @dataclasses.dataclass(frozen=True)

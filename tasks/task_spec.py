@@ -53,7 +53,7 @@ class TaskSpec:
         }
         object.__setattr__(self, "observation", parts)
         if not self.observation_dim or not (self.observation_scale > 0).all():
-            raise ValueError(f"what observations are divided by must be above 0, got {parts}")
+            raise ValueError(f"scales of observations must be above 0, got {parts}")
         if len(self.offset) not in (0, self.observation_dim):
             raise ValueError(
                 f"offset has {len(self.offset)} numbers, observations {self.observation_dim}"
@@ -68,7 +68,9 @@ class TaskSpec:
         object.__setattr__(self, "horizons", own)
         for layers, attempts in own.items():
             if len(attempts) != layers + 1 or min(attempts) < 1:
-                raise ValueError(f"{layers} subgoal layers need {layers + 1} counts: {attempts}")
+                raise ValueError(
+                    f"{layers} subgoal layers need {layers + 1} counts, got {attempts}"
+                )
 
     @property
     def action_low(self) -> np.ndarray:

@@ -11,16 +11,16 @@ TITLES = {
 }
 
 ABOUT = {
-    "pendulum_climb": "A pendulum is to be swung up until its tip touches the peak. Its motor is "
-    "too weak to lift it at once, so it must swing to and fro first.",
-    "pendulum_balance": "A pendulum is to be swung up and to come to rest at the peak. Its motor "
-    "is too weak to lift it at once, so it must swing to and fro first.",
-    "ur5_reacher": "A UR5 arm is to bring its gripper to a point a quarter turn away.",
-    "cartpole_swingup": "A cart on a rail is to swing up its pole and to slow it down near a "
-    "marker, with the cart below.",
-    "pick_place": "A robot worm is to pick the blue rod up and to bring it to the yellow one.",
+    "pendulum_climb": "Swing up a pendulum until its tip touches the peak. Its motor is too weak "
+    "to lift it at once, so it must swing to and fro first.",
+    "pendulum_balance": "Swing up a pendulum and bring it to rest at the peak. Its motor is too "
+    "weak to lift it at once, so it must swing to and fro first.",
+    "ur5_reacher": "A UR5 arm must bring its gripper to a point a quarter turn away.",
+    "cartpole_swingup": "A cart on a rail must swing up its pole and slow it down near a marker, "
+    "with the cart below.",
+    "pick_place": "A robot worm must pick up the blue rod and bring it to the yellow one.",
 }
-"""What is to be done in each task: the title of its spec, which the analysis may not import."""
+"""What each task asks for: the title of its spec, which the analysis may not import."""
 
 STEPS_TO_GOAL = {
     "pendulum_climb": 100,

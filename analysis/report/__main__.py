@@ -14,7 +14,7 @@ _HELP = """Writes a run folder's report.html again.
 Flags:
 {flags}
 
-Exit status: 0; 2 what it is to read is not there or damaged, or the command was wrong."""
+Exit status: 0; 2 a file to read is missing or damaged, or the command was wrong."""
 
 
 def main(argv: Sequence[str]) -> int:

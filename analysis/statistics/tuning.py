@@ -13,7 +13,7 @@ from analysis.reading import paper
 SHUFFLES = 200
 LEAST_TRIALS = 8  # complete or pruned, for an importance to say anything
 TOP = 0.25  # importance is for being among this share of the trials
-_NOTHING = "{folder}: holds no journal of trials; `python launch/tune.py` makes some"
+_NOTHING = "{folder}: holds no journals of trials; `python launch/tune.py` writes them"
 _NO_OPTUNA = (
     "journals are read with optuna, which is not installed; in the repository's folder, "
     "`python -m pip install -c constraints.txt -e '.[tune]'` adds it"
@@ -113,7 +113,7 @@ def _study(path: Path) -> Study:
         asked, hours = found.user_attrs["asked"], float(found.user_attrs["hours"])
         trials = _trials(found.get_trials(deepcopy=False))
     except (ValueError, KeyError, AttributeError, TypeError) as error:
-        raise ValueError(f"{path} is no journal of trials: {error}") from error
+        raise ValueError(f"{path} is not a journal of trials: {error}") from error
     return Study(path.stem, asked, hours, trials, _importance(found))
 
 

@@ -32,7 +32,7 @@ class LostSeed(NamedTuple):
 
     def __str__(self) -> str:
         return (
-            f"a weight of level {self.level} was no finite number after {self.updates} updates "
+            f"a weight of level {self.level} was not finite after {self.updates} updates "
             f"({self.train_episodes} training episodes)"
         )
 

@@ -61,7 +61,7 @@ def train(
             seeds and this config.
     """
     if len(set(seeds)) != len(seeds) or not seeds:
-        raise ValueError(f"Seeds must be given and differ from each other: {list(seeds)}.")
+        raise ValueError(f"Give one or more different seeds, not {list(seeds)}.")
     if len(horizons) != subgoal_layers + 1:
         raise ValueError(f"{subgoal_layers} subgoal layers need {subgoal_layers + 1} horizons.")
     training = Training(make_env, config, tuple(seeds), horizons, device)
@@ -153,7 +153,9 @@ class Training:
             for index, (seed, state) in enumerate(zip(self._seeds, states, strict=True)):
                 numbers = state.numbers
                 if numbers["seed"] != seed:
-                    raise ValueError(f"A state is of seed {numbers['seed']}, not of seed {seed}.")
+                    raise ValueError(
+                        f"A state belongs to seed {numbers['seed']}, not to seed {seed}."
+                    )
                 self.population.restore(index, state)
                 self._tally.restore(index, numbers["tally"])
                 self._steps[index] = numbers["train_steps"]
@@ -163,7 +165,9 @@ class Training:
                 self._rows[index] = list(numbers["rows"])
                 episodes.add(numbers["train_episodes"])
             if len(episodes) > 1:
-                raise ValueError(f"The seeds' states are of different episodes {sorted(episodes)}.")
+                raise ValueError(
+                    f"The states of the seeds are from different episodes: {sorted(episodes)}."
+                )
             (self._episodes,) = episodes
 
     def run(self, periods: int, callback: Callback) -> Iterator[PeriodResult]:

@@ -12,7 +12,8 @@ from analysis.program import CommandError
 from analysis.reading import schema
 
 ANY_TASK = (
-    f"{', '.join(tasks.ALL)}, path/to/file.py:name, gym:ID, gym:module:ID, or a .toml of fit.py"
+    f"{', '.join(tasks.ALL)}, path/to/file.py:name, gym:ID, gym:module:ID, or a .toml file from "
+    "fit.py"
 )
 _MOST_SEEDS = 10_000
 _WORLD_FLAGS = (
@@ -24,30 +25,40 @@ def define_task(values: flags.FlagValues, default: str | None, help: str) -> Non
     """Adds --task, and what there is to say of a Gymnasium environment beside its id."""
     flags.DEFINE_string("task", default, help, values)
     flags.DEFINE_string(
-        "task_args", None, "gym: keywords of gymnasium.make, '{\"continuing_task\": false}'", values
+        "task_args",
+        None,
+        "gym: keyword arguments of gymnasium.make, '{\"continuing_task\": false}'",
+        values,
     )
     flags.DEFINE_string(
-        "goal", None, "gym: the goal of an environment without one: obs[0:2], obs[0:2]=1,0", values
+        "goal", None, "gym: the goal, if the environment has none: obs[0:2] or obs[0:2]=1,0", values
     )
     flags.DEFINE_string(
-        "subgoal", None, "gym: the subgoal space, if not the goal's: obs[0:4]", values
+        "subgoal", None, "gym: the subgoal space, as in obs[0:4]; default: the goal space", values
     )
     flags.DEFINE_string(
-        "goal_threshold", None, "gym: how near achieves a goal, in place of compute_reward", values
+        "goal_threshold",
+        None,
+        "gym: distance within which a goal is achieved, instead of compute_reward",
+        values,
     )
     flags.DEFINE_integer(
-        "max_steps", None, "gym: steps of an episode, if not its own", 1, flag_values=values
+        "max_steps",
+        None,
+        "gym: steps of an episode; default: the environment's time limit",
+        1,
+        flag_values=values,
     )
     for kind in ("train", "test"):
         flags.DEFINE_string(
-            f"{kind}_options", None, f"gym: options of resets in {kind}ing, as JSON", values
+            f"{kind}_options", None, f"gym: options of reset() in {kind}ing, as JSON", values
         )
 
 
 def define_run(values: flags.FlagValues) -> None:
     """Adds --run, the folder whose policies a program shows."""
     flags.DEFINE_string(
-        "run", None, "run folder; if not given, runs/TASK, or published policies", values
+        "run", None, "run folder; default: runs/TASK, or else the published policies", values
     )
 
 
@@ -81,14 +92,14 @@ def _json_object(name: str, text: str) -> dict[str, Any]:
     except ValueError:
         found = None
     if not isinstance(found, dict):
-        raise CommandError(f"flag --{name}={text}: it takes a JSON object, such as '{{\"a\": 1}}'")
+        raise CommandError(f"flag --{name}={text}: give a JSON object, such as '{{\"a\": 1}}'")
     return found
 
 
 def _amounts(name: str, text: str) -> list[float]:
     parts = text.split(",")
     if not all(re.fullmatch(r"\s*\d*\.?\d+(e-?\d+)?\s*", part) and float(part) for part in parts):
-        raise CommandError(f"flag --{name}={text}: it takes numbers above 0, as in 0.1 or 0.1,0.5")
+        raise CommandError(f"flag --{name}={text}: give numbers above 0, as in 0.1 or 0.1,0.5")
     return [float(part) for part in parts]
 
 
@@ -124,7 +135,7 @@ def subgoal_layers(words: Sequence[str]) -> tuple[int, ...]:
     if wrong or not words:
         typed = ",".join(words)
         raise CommandError(
-            f"flag --subgoal_layers={typed}: it takes some of {','.join(valid)}, as in "
+            f"flag --subgoal_layers={typed}: give one or more of {','.join(valid)}, as in "
             "--subgoal_layers=0,1"
         )
     return tuple(sorted({int(word) for word in words}))
@@ -138,8 +149,8 @@ def periods(words: Sequence[str], last: int) -> tuple[int, ...]:
     """
     if not all(re.fullmatch(r"\s*\d{1,6}\s*", word) and int(word) <= last for word in words):
         raise CommandError(
-            f"flag --keep_policies={','.join(words)}: it takes test periods from 0 to {last}, as "
-            "in 0,1,3"
+            f"flag --keep_policies={','.join(words)}: give test periods from 0 to {last}, as in "
+            "0,1,3"
         )
     return tuple(sorted({int(word) for word in words}))
 
@@ -154,18 +165,17 @@ def seeds(word: str) -> tuple[int, ...]:
     spans = [(int(part[1]), int(part[2] or part[1])) for part in parts if part]
     if len(spans) != len(parts) or any(first > last for first, last in spans):
         raise CommandError(
-            f"flag --seeds={word}: it takes how many (10: seeds 0 to 9), or which (100-103 or 3,5)"
+            f"flag --seeds={word}: give a number of seeds (10: seeds 0 to 9), or the seeds "
+            "(100-103 or 3,5)"
         )
     if re.fullmatch(r"\s*\d+\s*", word):
         spans = [(0, spans[0][0] - 1)]
     count = sum(last - first + 1 for first, last in spans)
     if not 1 <= count <= _MOST_SEEDS:
-        raise CommandError(
-            f"flag --seeds={word}: that is {count} seeds; it takes 1 to {_MOST_SEEDS}"
-        )
+        raise CommandError(f"flag --seeds={word}: that is {count} seeds; give 1 to {_MOST_SEEDS}")
     found = [seed for first, last in spans for seed in range(first, last + 1)]
     if len(set(found)) < count:
-        raise CommandError(f"flag --seeds={word}: a seed is there twice")
+        raise CommandError(f"flag --seeds={word}: a seed is named twice")
     return tuple(found)
 
 
@@ -180,8 +190,8 @@ def attempts(word: str | None, layers: tuple[int, ...]) -> dict[int, tuple[int, 
         counts = part.split(",")
         if not all(re.fullmatch(r"\s*[1-9]\d{0,5}\s*", count) for count in counts):
             raise CommandError(
-                f"flag --T={word}: it takes a count for each level, the lowest first, as in "
-                "--T=20,8,3; with / between agents, as in --T=20,20/8,8,7"
+                f"flag --T={word}: give a count for each level, the lowest first, as in "
+                "--T=20,8,3; put / between agents, as in --T=20,20/8,8,7"
             )
         own = len(counts) - 1
         if own not in layers or own in found:

@@ -19,13 +19,15 @@ def define(values: flags.FlagValues, size: str) -> None:
     flags.DEFINE_float(
         "speed",
         None,
-        "of a film, times real time; if not given, slow motion where it would last less than 5 s",
+        "playback speed, 1 is real time; default: slow motion if a video would last less than 5 s",
         lower_bound=0.001,
         upper_bound=1000.0,
         flag_values=values,
     )
-    flags.DEFINE_string("camera", None, "of a film; if not given, the task's first", values)
-    flags.DEFINE_string("size", size, "of a film: WIDTHxHEIGHT in pixels", values)
+    flags.DEFINE_string(
+        "camera", None, "camera of a video or strip; default: the task's first", values
+    )
+    flags.DEFINE_string("size", size, "WIDTHxHEIGHT of the picture in pixels", values)
 
 
 def size(word: str) -> tuple[int, int]:
@@ -38,8 +40,8 @@ def size(word: str) -> tuple[int, int]:
     sides = (int(found[1]), int(found[2])) if found else (0, 0)
     if not all(_SMALLEST <= side <= _LARGEST and side % 2 == 0 for side in sides):
         raise CommandError(
-            f"flag --size={word}: it takes WIDTHxHEIGHT, even numbers from {_SMALLEST} to "
-            f"{_LARGEST}, as in 1280x720"
+            f"flag --size={word}: give WIDTHxHEIGHT, even numbers from {_SMALLEST} to {_LARGEST}, "
+            "as in 1280x720"
         )
     return sides
 

@@ -21,20 +21,20 @@ from launch.asking import lists, settings
 CONFIGS = Path(__file__).parents[1] / "configs"
 DEFAULT_CONFIG = CONFIGS / "suite.py"
 
-_HELP = """Trains hierarchical actor-critic; leaves curves, policies and videos in a folder a task.
+_HELP = """Trains hierarchical actor-critic; writes a run folder per task: curves, policies, videos.
 
   python launch/run.py --task=pick_place --seeds=10
 
 Flags:
 {flags}
-  --config=launch/configs/suite.py    a file of hyperparameters to start from
+  --config=launch/configs/suite.py    file of hyperparameters to start from
 
 Keys for --config.KEY=VALUE, as hac_suite/config.py explains them:
 {keys}
 
-The same command again finishes what is missing and repeats nothing.
+The same command resumes, and repeats nothing that is finished.
 Exit status: 0 all done; 1 some runs failed, the others are kept; 2 the command was wrong;
-128+n signal n stopped it (130 after Ctrl-C), what is finished is kept."""
+128+n signal n stopped it (130 after Ctrl-C), finished results are kept."""
 
 
 class Request(NamedTuple):
@@ -117,23 +117,30 @@ def define_flags() -> flags.FlagValues:
     """The flags of training, without --config, which `read` adds: it looks at the words."""
     values = flags.FlagValues()
     lists.define_task(values, "pick_place", f"all, {lists.ANY_TASK}")
-    flags.DEFINE_string("seeds", "10", "how many, from 0 on; or which: 100-103, or 3,5", values)
+    flags.DEFINE_string(
+        "seeds", "10", "number of seeds, from 0 on; or the seeds: 100-103, or 3,5", values
+    )
     flags.DEFINE_list(
-        "subgoal_layers", "0,1,2", "which agents; 0 is DDPG with hindsight", flag_values=values
+        "subgoal_layers",
+        "0,1,2",
+        "agents to train, by number of subgoal layers; 0: the flat agent",
+        flag_values=values,
     )
     flags.DEFINE_string(
         "T",
         None,
-        "attempts T_0,...,T_n of the levels, such as 20,8,3; / between agents: 20,20/8,8,7",
+        "most attempts T_0,...,T_n of the levels, as in 20,8,3; with several agents: 20,20/8,8,7",
         values,
     )
-    program.define_count(values, "periods", 10, "test periods after the untrained one", least=1)
-    flags.DEFINE_string("out", "runs", "where the run folders go", values)
+    program.define_count(
+        values, "periods", 10, "number of test periods after that of the untrained agent", least=1
+    )
+    flags.DEFINE_string("out", "runs", "folder for the run folders", values)
     program.define_count(
         values,
         "workers",
         0,
-        "processes that train at a time; 0: one for each core",
+        "training processes at a time; 0: one per core",
         least=0,
         most=1000,
     )
@@ -147,28 +154,31 @@ def define_flags() -> flags.FlagValues:
     flags.DEFINE_string(
         "ray_address",
         None,
-        "auto, or HOST:PORT of the head; none: a Ray of its own on this machine",
+        "auto, or HOST:PORT of the head; default: start Ray on this machine",
         values,
     )
     flags.DEFINE_enum(
         "device",
         "cpu",
         ["cpu", "cuda", "auto"],
-        "where networks learn; auto: the GPU if there is one",
+        "device for learning; auto: the GPU if there is one",
         values,
     )
     flags.DEFINE_boolean("video", True, "make a video and a 3-D replay of each agent", values)
     flags.DEFINE_list(
-        "keep_policies", [], "test periods whose policies to keep in stages/: 0,1,3", values
+        "keep_policies", [], "test periods whose policies are kept in stages/, as in 0,1,3", values
     )
     flags.DEFINE_boolean("tensorboard", False, "write curves for TensorBoard as well", values)
     flags.DEFINE_boolean(
-        "keep_final", True, "keep the state that each seed ends with, for more --periods", values
+        "keep_final",
+        True,
+        "keep the final checkpoint of each seed, to allow more --periods later",
+        values,
     )
     flags.DEFINE_boolean(
         "other_versions",
         False,
-        "resume from checkpoints that other versions of MuJoCo, torch, ... left",
+        "resume even from checkpoints of other versions of MuJoCo, torch, ...",
         values,
     )
     return values
@@ -204,7 +214,7 @@ def _request(values: flags.FlagValues, settings_given: ConfigDict) -> Request:
 def _folder(name: str) -> Path:
     """Raises CommandError for a name in which the shell passed on bytes that are no text."""
     if not name.isprintable():
-        raise program.CommandError(f"flag --out={name!r}: a folder's name is printable text")
+        raise program.CommandError(f"flag --out={name!r}: give a name of printable characters")
     return Path(name)
 
 
@@ -218,7 +228,7 @@ def _check_ray(values: flags.FlagValues) -> None:
     _require("ray", flag="executor=ray", extra="cluster")
     if address is not None and not re.fullmatch(r"auto|[\w.-]+:\d{1,5}", address, re.ASCII):
         raise program.CommandError(
-            f"flag --ray_address={address}: it takes auto, or HOST:PORT as `ray start` prints it"
+            f"flag --ray_address={address}: give auto, or HOST:PORT as `ray start` prints it"
         )
     if values.device == "cuda":
         raise program.CommandError("flag --device=cuda: --executor=ray trains on CPUs only")
@@ -262,8 +272,8 @@ def _device(word: str, on_gpu: bool) -> str:
         build = torch.version.cuda
         why = f"built for CUDA {build}, sees no GPU" if build else "is built without CUDA"
         raise program.CommandError(
-            f"flag --device=cuda: the installed torch {torch.__version__} {why}; "
-            "--device=auto takes a GPU only where there is one"
+            f"flag --device=cuda: the installed torch {torch.__version__} {why}; --device=auto "
+            "uses a GPU only if there is one"
         )
     return "cpu"
 
@@ -282,7 +292,7 @@ def _check_config_words(argv: Sequence[str]) -> None:
 
 def _check_config_file(name: str | None) -> None:
     if name is None:
-        raise program.CommandError("flag --config: it takes a file, as in --config=my_config.py")
+        raise program.CommandError("flag --config: give a file, as in --config=my_config.py")
     if not Path(name).is_file():
         own = ", ".join(sorted(os.path.relpath(path) for path in CONFIGS.glob("[!_]*.py")))
         raise program.CommandError(f"there is no config file {name!r}; there are {own}")

@@ -50,7 +50,7 @@ def write_animation(frames: Sequence[np.ndarray], path: Path, most_bytes: int) -
             return
     size = path.stat().st_size / 1e6
     raise TooLarge(
-        f"it takes {size:.1f} MB at the least; make it smaller with --size, or shorter with --speed"
+        f"it needs at least {size:.1f} MB; make it smaller with --size, or shorter with --speed"
     )
 
 

@@ -13,7 +13,7 @@ from typing import IO, Any, NamedTuple
 from analysis.program import CommandError
 
 NAME = ".lock"
-_TAKEN = "{folder} was moved, removed or replaced while a launch was at work in it"
+_TAKEN = "{folder} was moved, removed or replaced while a launch was using it"
 _MOST = 10_000  # characters of it that are read
 _STRUCT = "hhqqi4x"  # struct flock of Linux: type, whence, start, length, process
 

@@ -137,14 +137,14 @@ def read(path: Path) -> Manifest | None:
     try:
         manifest = json.loads(read_text(path))
     except (OSError, ValueError, RecursionError) as error:
-        raise CommandError(f"{path} cannot be read ({error}); move the folder away") from error
+        raise CommandError(f"{path} cannot be read ({error}); move the folder elsewhere") from error
     if not isinstance(manifest, dict) or not new("", 0, {}).keys() <= manifest.keys():
-        raise CommandError(f"{path} is not a run folder's manifest; move the folder away")
+        raise CommandError(f"{path} is not a run folder's manifest; move the folder elsewhere")
     for name, (wanted, holds) in _FIELDS.items():
         if not holds(manifest[name]):
             raise CommandError(
-                f"{path}: {name} is {manifest[name]!r:.40}, not {wanted}; mend it, or move the "
-                "folder away"
+                f"{path}: {name} is {manifest[name]!r:.40}, not {wanted}; repair it, or move the "
+                "folder elsewhere"
             )
     return manifest
 

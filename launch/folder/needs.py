@@ -21,15 +21,15 @@ _NO_MEMORY = (
     "--config.replay_capacity or --config.hidden_sizes smaller"
 )
 _NO_DISK = (
-    "{who}: the checkpoints of one seed need {need} of disk, and {out} has {free} free; make room, "
-    "give another --out, or make --config.replay_capacity smaller"
+    "{who}: the checkpoints of one seed need {need} of disk, and {out} has {free} free; free some "
+    "space, give another --out, or make --config.replay_capacity smaller"
 )
 _LITTLE_MEMORY = (
-    "warning: up to {need} of memory are needed, and {free} are free; fewer --workers need less"
+    "warning: this run may need {need} of memory, and {free} are free; fewer --workers need less"
 )
 _LITTLE_DISK = (
-    "warning: up to {need} of disk are needed for checkpoints, and {out} has {free} free; what does"
-    " not fit is not saved: make room, or give another --out; --keep_final=false needs less"
+    "warning: checkpoints may need {need} of disk, and {out} has {free} free; checkpoints that do "
+    "not fit are not saved: free some space, or give another --out; --keep_final=false needs less"
 )
 _MEMORY_LIMITS = (
     ("/sys/fs/cgroup/memory.max", "/sys/fs/cgroup/memory.current"),

@@ -42,7 +42,7 @@ def read(path: Path) -> tuple[list[Row], int]:
         if lines.rows:
             to_table(lines, path)  # what cannot be is refused, here as in the analysis
     except ValueError as error:
-        raise CommandError(f"{error}; mend it, or move it away") from error
+        raise CommandError(f"{error}; repair it, or move it elsewhere") from error
     rows = [
         _row(path, number, dict(zip(lines.columns, cells, strict=True)))
         for number, cells in lines.rows.items()
@@ -56,7 +56,7 @@ def _row(path: Path, number: int, row: Row) -> Row:
         cell = row[column]
         if not (cell.isascii() and cell.isdigit() and len(cell) <= _MOST_DIGITS):
             raise CommandError(
-                f"{path}, line {number}: {column} is {cell[:40]!r}, not digits alone; mend the "
+                f"{path}, line {number}: {column} is {cell[:40]!r}, not only digits; repair the "
                 "line or remove it"
             )
     return row
@@ -89,7 +89,7 @@ def append(path: Path, rows: Sequence[Mapping[str, Any]]) -> None:
     with path.open("rb+") as file:
         columns = next(csv.reader([file.readline().decode("utf-8", "replace")]), [])
         if not set(RESULTS_COLUMNS) <= set(columns):
-            raise Changed(f"{path} lost its header while a launch was at work on it")
+            raise Changed(f"{path} lost its header while a launch was using it")
         added = _lines(columns, rows).encode()
         if file.seek(0, os.SEEK_END) and not _ends_a_line(file):
             added = b"\n" + added  # somebody's editor took it away: rows would be glued

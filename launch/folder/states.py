@@ -89,7 +89,7 @@ def _manifest(path: Path, folder: RunFolder) -> manifest.Manifest:
         )
     if recorded["task"] != folder.task:
         raise CommandError(
-            f"{path} holds runs of {recorded['task']!r}; a run folder has the name of its task"
+            f"{path} holds runs of {recorded['task']!r}; name a run folder after its task"
         )
     return recorded
 

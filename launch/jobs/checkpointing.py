@@ -20,23 +20,23 @@ MOST_SHARE = 0.04
 # But no longer than this: the machine may have slept, or been paused, while one was written.
 MOST_SECONDS_SAVED_UP = 1800.0
 
-_OTHER_RUN = "{file} is a checkpoint of another run ({differences}); move it away"
+_OTHER_RUN = "{file} is a checkpoint of another run ({differences}); move it elsewhere"
 _LONGER_RUN = (
     "{agent}, seed {seed}: interrupted after test period {period} of a longer run; "
     "give --periods={least} or more, or remove {file}"
 )
 _NO_ROWS = (
-    "{file} is no checkpoint of this version: its rows are not those of results.csv; remove it"
+    "{file} is not a checkpoint of this version: its rows do not match results.csv; remove it"
 )
 _OTHER_VERSIONS = (
-    "{agent}: interrupted with {versions}, and the rest may differ from what those would have given"
+    "{agent}: interrupted with {versions}, and with other versions the rest may differ"
 )
 _NO_STATE = (
     "{agent}, seed(s) {seeds}: finished after {ended} periods, and no whole checkpoint is kept to "
-    "train on from until {periods}{why}; give another --out to train all {periods} periods there, "
-    "or --periods={ended} to leave it at that"
+    "extend it to {periods}{why}; give another --out to train all {periods} periods there, or "
+    "--periods={ended} to keep what there is"
 )
-_WITHOUT_FINAL = "more --periods will train on from an earlier checkpoint, if there is one"
+_WITHOUT_FINAL = "more --periods will extend an earlier checkpoint, if there is one"
 _RESULTS_DEPEND_ON = ("dm-control", "mujoco", "numpy", "torch")
 
 
@@ -113,7 +113,7 @@ def interrupted(
     if differing:
         message = _OTHER_VERSIONS.format(agent=setup.agent, versions=", ".join(sorted(differing)))
         if not other_versions:
-            raise CommandError(f"{message}; install those, or go on with --other_versions")
+            raise CommandError(f"{message}; install those, or resume with --other_versions")
         warnings.append(f"warning: {message}")
     return Interrupted(found, warnings)
 
@@ -122,11 +122,7 @@ def _of_damage(agent: Agent, seed: int, begins: int, complaints: Sequence[str]) 
     """What a person is told of a seed's damaged checkpoints."""
     if not complaints:
         return []
-    then = (
-        f"goes on from episode {begins}"
-        if begins
-        else "no checkpoint is whole; it starts from nothing"
-    )
+    then = f"resumes from episode {begins}" if begins else "no checkpoint is whole; it starts again"
     return [*(f"warning: {complaint}" for complaint in complaints), f"{agent}, seed {seed}: {then}"]
 
 
@@ -272,14 +268,14 @@ class Saver:
 
     def _complain(self, boundary: hac_suite.Boundary, error: OSError) -> None:
         """Says once that there are no checkpoints, and always what that costs in the end."""
-        before = f"from episode {self._writer.last}" if self._writer.last else "from nothing"
+        before = f"from episode {self._writer.last}" if self._writer.last else "from the start"
         if boundary.last:
-            self._warn(f"the final state could not be kept ({error}): {_WITHOUT_FINAL}")
+            self._warn(f"the final checkpoint could not be kept ({error}): {_WITHOUT_FINAL}")
         elif self._stopping:
             self._warn(
                 f"stopped at episode {boundary.train_episodes}, which could not be saved "
-                f"({error}); the same command goes on {before}"
+                f"({error}); the same command resumes {before}"
             )
         elif not self._warned:
-            self._warn(f"no checkpoint could be written ({error}); training goes on")
+            self._warn(f"no checkpoint could be written ({error}); training continues")
         self._warned = True

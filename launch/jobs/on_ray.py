@@ -90,8 +90,8 @@ class Cluster:
         except Exception as error:  # Ray raises many kinds
             reason = (str(error).strip() or type(error).__name__).splitlines()[0]
             raise CommandError(
-                f"flag --ray_address={self._address}: no Ray cluster answers there that this "
-                f"machine is part of; `ray start` makes or joins one ({reason})"
+                f"flag --ray_address={self._address}: this machine is not part of a Ray cluster at "
+                f"that address; `ray start` makes or joins one ({reason})"
             ) from error
         self.workers = self.workers or max(1, int(ray.cluster_resources().get("CPU", 1)))
         return self
@@ -152,7 +152,7 @@ def _after_loss(
     except (CommandError, OSError) as error:
         return Failed(f"lost with its machine, and its checkpoints cannot be used: {error}")
     waiting.insert(0, (job, now))
-    return WorkerLost(f"{lost.reason}; goes on elsewhere from episode {now.start}")
+    return WorkerLost(f"{lost.reason}; resumes elsewhere from episode {now.start}")
 
 
 def _knock(address: str) -> None:

@@ -58,7 +58,7 @@ class Recorder:
         self._recorded |= {_key(row) for row in results.read(folder.results)[0]}
         if dropped:
             self._console.say(
-                f"warning: dropped {dropped} line(s) of {folder.results} that a kill had cut short"
+                f"warning: dropped {dropped} line(s) of {folder.results}, cut short by a kill"
             )
         manifest.write(folder.manifest, self.manifests[task])
         if self._tensorboard:
@@ -196,7 +196,7 @@ class Recorder:
             try:
                 draw()
             except Exception as error:
-                self._console.say(f"warning: {path} was not refreshed: {error}")
+                self._console.say(f"warning: {path} was not updated: {error}")
         self._outdated.discard(task)
         self._drawn[task] = time.monotonic()
 

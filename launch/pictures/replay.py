@@ -142,7 +142,9 @@ def render(policies: Sequence[Path], output: Path) -> None:
         choice = choose([str(path) for path in policies], 1)
         course = record(choice.policy, choice.episodes[0])
         if not course.poses:
-            raise RenderingError(f"{course.title}: it draws only itself, and not in 3-D")
+            raise RenderingError(
+                f"{course.title}: it renders its own frames, so there is no 3-D replay"
+            )
         output.parent.mkdir(parents=True, exist_ok=True)
         write(course, output)
     except scene.ViewerMissing as error:

@@ -15,7 +15,7 @@ from launch.folder.layout import RunFolder
 Run = tuple[int, int]
 """Subgoal layers and seed."""
 
-_OTHER_COLUMNS = "{path}: has other columns than what is to be joined to it; publish all of it anew"
+_OTHER_COLUMNS = "{path}: has other columns than the new records; publish everything again"
 
 
 def join_results(published: Path, folder: RunFolder) -> set[Run]:

@@ -143,11 +143,11 @@ def _space(text: Values) -> Space:
             raise CommandError(unknown("name", name, _TABLES))
     minutes, entries, starts = text.get("core_minutes"), text.get("space"), text.get("starts", {})
     if not _is_number(minutes) or minutes <= 0:
-        raise CommandError(f"core_minutes = {minutes!r}: it takes a number above zero")
+        raise CommandError(f"core_minutes = {minutes!r}: give a number above zero")
     if not isinstance(entries, dict) or not entries:
-        raise CommandError("[space] lists nothing to vary")
+        raise CommandError("[space] names no hyperparameter to vary")
     if not isinstance(starts, dict) or not all(isinstance(s, dict) for s in starts.values()):
-        raise CommandError("[starts] takes tables, as in [starts.default]")
+        raise CommandError("[starts] must hold tables, as in [starts.default]")
     parameters = tuple(_parameter(name, entry) for name, entry in entries.items())
     _check_once(parameters)
     space = Space(parameters, starts, float(minutes), text)
@@ -191,15 +191,15 @@ def _range(name: str, entry: Values) -> Range:
 def _choices(name: str, kind: str, listed: Any) -> dict[Any, Values]:
     wanted = dict if kind == "together" else (str, int, float)
     if not isinstance(listed, list) or not listed or not all(isinstance(c, wanted) for c in listed):
-        raise CommandError(f"{name}: {kind} = {listed!r}: it takes a list of what to choose from")
+        raise CommandError(f"{name}: {kind} = {listed!r}: give a list of values to choose from")
     if kind == "choices":
         found = {choice: {name: choice} for choice in listed}
     else:
         found = {" ".join(map(str, choice.values())): dict(choice) for choice in listed}
     if len(found) < len(listed):
-        raise CommandError(f"{name}: {kind}: one of them is there twice")
+        raise CommandError(f"{name}: {kind}: one of them is listed twice")
     if len({frozenset(choice) for choice in found.values()}) > 1:
-        raise CommandError(f"{name}: together: each of them sets the same fields")
+        raise CommandError(f"{name}: together: each entry must set the same fields")
     for choice in found.values():
         _check(choice)
     return found

@@ -30,10 +30,10 @@ BEAT_SECONDS = 30.0  # so often a trial says that it is alive, and what it has c
 _SILENT_SECONDS = 15 * 60.0  # a trial of another machine that says nothing for so long is dead
 _TRIES = 2  # of a trial whose process was killed: the trial may be what kills it
 _PRUNING = {"n_startup_trials": 5, "n_warmup_steps": 2}  # trials; periods
-_NO_JOURNAL = "{path} is no journal of trials ({error}); move it away"
+_NO_JOURNAL = "{path} is not a journal of trials ({error}); move it elsewhere"
 _DIFFERS = (
-    "{path} holds trials of another study ({differences}); repeat what it was begun with, or give "
-    "another --out"
+    "{path} holds trials of another study ({differences}); repeat the flags that it was begun "
+    "with, or give another --out"
 )
 
 

@@ -129,7 +129,7 @@ class _Trial:
         try:
             return self._carry_out()
         except Buried:
-            _say(f"{self._name}: given up, another worker took it for dead")
+            _say(f"{self._name}: abandoned, because another worker declared it dead")
             return False
 
     def _carry_out(self) -> bool:
@@ -138,10 +138,10 @@ class _Trial:
             self._train()
         except _Stopped:
             study.fail(claimed, again=True, ended="stopped", **self._record())
-            _say(f"{self._name}: stopped; it begins again with the next launch")
+            _say(f"{self._name}: stopped; the next launch starts it again")
         except _OutOfBudget:
             study.fail(claimed, again=True, ended="budget", **self._record())
-            _say(f"{self._name}: ended, the budget is used up; with more --hours it begins again")
+            _say(f"{self._name}: ended, the budget is used up; with more --hours it starts again")
         except (Buried, OSError):  # OSError: the journal cannot be written, such as to a full disk
             raise
         except Exception as error:
@@ -226,7 +226,7 @@ def _say(text: str) -> None:
 
 
 def _say_dead(dead: FrozenTrial) -> None:
-    again = "" if dead.user_attrs.get("tries", 1) > 1 else "; it begins again"
+    again = "" if dead.user_attrs.get("tries", 1) > 1 else "; it is started again"
     _say(f"trial {dead.number}: its process was killed{again}")
 
 

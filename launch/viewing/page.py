@@ -60,7 +60,7 @@ class Page:
         if simulation_of(env) is None:
             raise CommandError(
                 f"{chosen.task}: MuJoCo does not simulate it, so there are no bodies to show here; "
-                "`python launch/play.py --output=video.mp4` films it"
+                "`python launch/play.py --output=video.mp4` renders it"
             )
         self._env.show_subgoals(0, [])
         self._stage = Stage(env)

@@ -21,7 +21,7 @@ def status(episode: Episode, max_steps: int, title: str) -> str:
     if episode.succeeded:
         said = f"<b>goal achieved</b> in {episode.step} steps"
     elif episode.over:
-        said = f"<b>over</b> after {episode.step} steps: the goal was not achieved"
+        said = f"<b>ended</b> after {episode.step} steps: the goal was not achieved"
     else:
         said = f"step {episode.step} of {max_steps}"
     return f'<div style="{_STYLE}">{escape(title)}<br>{said}</div>'

@@ -16,7 +16,7 @@ from launch.viewing.page import Page
 LOOPBACK = "127.0.0.1"
 PORT = 8123
 
-_OPEN = "warning: anybody who reaches {host} can use this page; it asks for no password"
+_OPEN = "warning: anybody who can reach {host} can use this page; it has no password"
 
 
 class Address(NamedTuple):
@@ -79,7 +79,7 @@ def told(host: str, port: int) -> list[str]:
     """What a person is told: the address, and how to reach it from another machine."""
     own = _is_loopback(host)
     shown = host if own else socket.gethostname()
-    lines = [f"view: http://{shown}:{port}   (Ctrl-C ends it)"]
+    lines = [f"view: http://{shown}:{port}   (Ctrl-C stops it)"]
     if own:
         lines.append(
             f"over ssh: ssh -L {port}:{host}:{port} {getpass.getuser()}@{socket.gethostname()}, "

@@ -11,7 +11,7 @@ from tasks.authoring.model import Found, look
 _MAX_STEPS = 200
 _AXES = "xyz"
 _IDLE = (
-    "no actuator drives {joints}: the task neither observes them nor sets them at starts; add "
+    "no actuator drives {joints}: the task does not observe them or set them at starts; add "
     "sensors and observation_parts for those that matter"
 )
 _TEMPLATE = Path(__file__).with_name("template.txt")  # of the task file
@@ -39,7 +39,7 @@ def begin(name: str, model: Path, point: str | None = None) -> Begun:
         compiled = spec.compile()
     except Exception as error:  # MuJoCo's parser raises ValueError and others
         reason = " ".join(str(error).split())
-        raise ValueError(f"{model} is no MJCF that compiles: {reason}") from error
+        raise ValueError(f"{model} does not compile as MJCF: {reason}") from error
     found = look(compiled, str(model), point)
     _complete(spec, compiled, found)
     notes: list[str] = []
@@ -49,7 +49,9 @@ def begin(name: str, model: Path, point: str | None = None) -> Begun:
         )
     if spec.option.integrator == int(mujoco.mjtIntegrator.mjINT_RK4):
         spec.option.integrator = int(mujoco.mjtIntegrator.mjINT_IMPLICITFAST)
-        notes.append("the integrator RK4, which training cannot step, became implicitfast")
+        notes.append(
+            "the integrator RK4 was replaced by implicitfast, because training cannot use RK4"
+        )
     if found.idle:
         notes.append(_IDLE.format(joints=", ".join(found.idle)))
     spec.modelname = name

@@ -52,7 +52,7 @@ def findings(entry: registry.Entry) -> Iterator[Finding]:
     except Exception as error:
         yield _broken("the task does not load", error)
         return
-    yield Finding("good", "it compiles, and is what its spec says")
+    yield Finding("good", "it compiles and matches its spec")
     for check in (_cameras, _shapes, _same_as_composer, _deterministic, _starts, _learnable):
         try:
             yield from check(entry)
@@ -68,7 +68,7 @@ def _broken(what: str, error: Exception) -> Finding:
            and "site-packages" not in s.filename]  # fmt: skip
     where = f" ({own[-1].filename}, line {own[-1].lineno})" if own else ""
     reason = " ".join(f"{type(error).__name__}: {error}".split())
-    return Finding("wrong", f"{what}: {reason}{where}", "mend that line, then check again")
+    return Finding("wrong", f"{what}: {reason}{where}", "fix that line, then check again")
 
 
 # -- The class
@@ -81,19 +81,19 @@ def _names(kind: type) -> Iterator[Finding]:
     for name in taken:
         yield Finding(
             "wrong",
-            f"{kind.__name__} assigns self.{name}, which tasks.base.GoalTask has already",
-            f"call it something else, such as self.{name}_marker",
+            f"{kind.__name__} assigns self.{name}, which tasks.base.GoalTask uses itself",
+            f"choose another name, such as self.{name}_marker",
         )
     ignored = [name for name in _UNCALLED if any(name in vars(each) for each in own)]
     for name in ignored:
         yield Finding(
             "doubtful",
-            f"{kind.__name__} has a {name} of its own, which training never calls",
-            "say what achieves a goal in achieved_goal, and what happens meanwhile in event_mask "
-            "and apply_event: training steps MuJoCo without Composer's hooks",
+            f"{kind.__name__} defines {name}, which training never calls",
+            "define when a goal is achieved in achieved_goal, and events in event_mask and "
+            "apply_event: training steps MuJoCo without Composer's hooks",
         )
     if not taken:
-        yield Finding("good", "it takes no name of the base class")
+        yield Finding("good", "it overwrites no name of the base class")
 
 
 def _assigned(kind: type) -> set[str]:
@@ -120,23 +120,24 @@ def _model(task: base.GoalTask) -> Iterator[Finding]:
     if not sensors:
         yield Finding(
             "wrong",
-            "the model has no sensors, so that nothing of it can be observed",
-            "add a <sensor> for all that the agent observes or that decides a goal: <jointpos "
-            'joint="..."/>, <jointvel joint="..."/>, <framepos objtype="site" objname="..."/>',
+            "the model has no sensors, so nothing can be observed",
+            "add a <sensor> for all that the agent observes or that decides a goal: "
+            '<jointpos joint="..."/>, <jointvel joint="..."/>, '
+            '<framepos objtype="site" objname="..."/>',
         )
     else:
         yield Finding("good", f"the model has {len(sensors)} sensors")
     if model.option.integrator == "RK4":
         yield Finding(
             "wrong",
-            "the model's integrator is RK4, which training does not step as Composer does",
-            'take <option integrator="implicitfast"/>, or leave it out',
+            "the model's integrator is RK4, which training steps differently than Composer",
+            'use <option integrator="implicitfast"/>, or leave it out',
         )
     if not model.find_all("actuator"):
         yield Finding(
             "wrong",
-            "the model has no actuators: there is nothing to act with",
-            "add <motor joint=... ctrlrange=.../> for each joint that is driven",
+            "the model has no actuators, so the agent cannot act",
+            "add <motor joint=... ctrlrange=.../> for each driven joint",
         )
 
 
@@ -146,7 +147,7 @@ def _cameras(entry: registry.Entry) -> Iterator[Finding]:
     if not model.ncam:
         yield Finding(
             "wrong",
-            "the model has no camera: videos would be taken from nowhere, and be black",
+            "the model has no camera, so videos would be black",
             "add a <camera>, or build the arena with tasks.scenes.build(..., cameras={...})",
         )
     if not model.nlight:
@@ -159,8 +160,8 @@ def _cameras(entry: registry.Entry) -> Iterator[Finding]:
     if (np.abs(model.jnt_range[hinges]) > 2 * _WHOLE_TURN).any():
         yield Finding(
             "doubtful",
-            "hinges have ranges of several turns: they look like degrees, and count as radians",
-            'write angles in radians, under <compiler angle="radian"/>',
+            "hinges have ranges of several turns: they look like degrees, but are read as radians",
+            'write angles in radians, and set <compiler angle="radian"/>',
         )
     if model.ncam and model.nlight:
         yield Finding("good", f"{model.ncam} camera(s) and {model.nlight} light(s)")
@@ -189,11 +190,11 @@ def _shapes(entry: registry.Entry) -> Iterator[Finding]:
             good = False
             yield Finding(
                 "wrong",
-                f"{name} gives something else for many readings [3, 2, R] than for each of them",
+                f"{name} gives different values for readings [3, 2, R] than for each of them alone",
                 "index the last axis, as in readings[..., 0], and join with axis=-1",
             )
     if good:
-        yield Finding("good", "functions of readings work on arrays of them")
+        yield Finding("good", "functions of readings work on arrays")
 
 
 def _actions(entry: registry.Entry, envs: int) -> np.ndarray:
@@ -213,18 +214,18 @@ def _same_as_composer(entry: registry.Entry) -> Iterator[Finding]:
         if not np.array_equal(state.observation[0], entry.spec.flat(timestep.observation)):
             yield Finding(
                 "wrong",
-                "training and Composer do not play the same episode",
-                "leave nothing to Composer's hooks, nor keep anything in the task that an episode "
-                "changes: state is in physics.data, and readings are all that is seen of it",
+                "training and Composer play different episodes",
+                "do not use Composer's hooks, and keep no state in the task object: all state "
+                "must be in physics.data, and only readings of it are seen",
             )
             return
         held = bool(space.achieved(state.achieved_goal, state.desired_goal)[0])
         if timestep.reward != held - 1.0:
             yield Finding(
                 "wrong",
-                f"its reward was {timestep.reward}, and is to be {held - 1.0}: 0 at the goal, "
-                "and -1 elsewhere",
-                "leave get_reward to tasks.base.GoalTask",
+                f"its reward was {timestep.reward}, but must be {held - 1.0}: 0 at the goal, and "
+                "-1 elsewhere",
+                "do not override get_reward of tasks.base.GoalTask",
             )
             return
         if timestep.last():
@@ -246,17 +247,17 @@ def _deterministic(entry: registry.Entry) -> Iterator[Finding]:
             yield Finding(
                 "wrong",
                 "two episodes of one seed differ",
-                "draw from the random_state that sample_episode is given, not from numpy's own "
-                "generator; set in sample_episode all that the last episode may have changed",
+                "use the random_state that sample_episode receives, not numpy's global generator, "
+                "and reset in sample_episode everything that the last episode may have changed",
             )
             return
     if any(states[-1].diverged.any() for states in runs):
         yield Finding(
             "doubtful",
-            "random actions make the physics break down",
-            "take a smaller timestep, weaker motors, or add damping",
+            "random actions make the simulation unstable",
+            "use a smaller timestep or weaker motors, or add damping",
         )
-    yield Finding("good", "a seed decides an episode")
+    yield Finding("good", "a seed determines an episode")
 
 
 def _starts(entry: registry.Entry) -> Iterator[Finding]:
@@ -272,7 +273,7 @@ def _starts(entry: registry.Entry) -> Iterator[Finding]:
             yield Finding(
                 "wrong" if test else "doubtful",
                 f"{held:.0%} of {kind} episodes begin at their goal",
-                "draw start and goal apart, or make the threshold smaller",
+                "sample start and goal farther apart, or make the threshold smaller",
             )
         pairs = (
             ("goals", "goal", spec.goal_space, state.desired_goal, 1.0),
@@ -289,7 +290,7 @@ def _starts(entry: registry.Entry) -> Iterator[Finding]:
                     "widen low and high of that dimension",
                 )
     if good:
-        yield Finding("good", "starts and goals lie in their spaces, and apart")
+        yield Finding("good", "starts and goals are inside their spaces, and apart")
 
 
 def _learnable(entry: registry.Entry) -> Iterator[Finding]:

@@ -47,11 +47,11 @@ def look(model: mujoco.MjModel, path: str, point: str | None) -> Found:
       ValueError: it is none to begin from; one line says why.
     """
     if not model.nu:
-        raise ValueError(f"{path} has no actuators: there is nothing to act with")
+        raise ValueError(f"{path} has no actuators, so an agent cannot act")
     free = [model.actuator(i).name or str(i) for i in range(model.nu)
             if not model.actuator_ctrllimited[i]]  # fmt: skip
     if free:
-        raise ValueError(f"{path}: actuator {free[0]} has no ctrlrange; actions are bounded")
+        raise ValueError(f"{path}: actuator {free[0]} has no ctrlrange; actions must be bounded")
     driven = _driven(model)
     if not driven:
         raise ValueError(f"{path} has no hinges or slides: write its task by hand")
@@ -116,7 +116,7 @@ def _point(
     depth = {i: _depth(model, i, moved) for i in bodies.values()}
     deepest = [i for i in bodies.values() if depth[i] and depth[i] == max(depth.values())]
     if not deepest:
-        raise ValueError(f"{path}: no body with a name moves; give the hand one")
+        raise ValueError(f"{path}: no named body moves; give the hand a name")
     return model.body(deepest[-1]).name, "body"
 
 

@@ -55,8 +55,8 @@ _END_GOAL = np.array([0.0, _RAIL_HEIGHT + _POLE_LENGTH, 0.0, 0.0])
 _TIP_X, _TIP_Z, _CART_X, _CART_VELOCITY, _ANGLE, _ANGULAR_VELOCITY = 0, 2, 3, 4, 5, 6
 
 _SPEC = task_spec.TaskSpec(
-    title="A cart on a rail is to swing up its pole and to slow it down near a marker, with the "
-    "cart below.",
+    title="A cart on a rail must swing up its pole and slow it down near a marker, with the cart "
+    "below.",
     control_timestep=0.0175,  # seconds
     max_steps=500,
     horizons=_HORIZONS,

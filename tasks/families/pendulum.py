@@ -47,8 +47,8 @@ _TIP_AND_VELOCITY_SPACE = goal_space.GoalSpace(
 # From test starts, a sampling planner (tests/tasks/planner.py) takes about 92 steps of 0.025 s to
 # touch the peak and 120 of 0.02 s to come to rest there.
 _CLIMB = task_spec.TaskSpec(
-    title="A pendulum is to be swung up until its tip touches the peak. Its motor is too weak to "
-    "lift it at once, so it must swing to and fro first.",
+    title="Swing up a pendulum until its tip touches the peak. Its motor is too weak to lift it at "
+    "once, so it must swing to and fro first.",
     control_timestep=0.025,  # seconds
     max_steps=300,
     goal_space=_TIP_SPACE,
@@ -59,8 +59,8 @@ _CLIMB = task_spec.TaskSpec(
 
 _BALANCE = dataclasses.replace(
     _CLIMB,
-    title="A pendulum is to be swung up and to come to rest at the peak. Its motor is too weak to "
-    "lift it at once, so it must swing to and fro first.",
+    title="Swing up a pendulum and bring it to rest at the peak. Its motor is too weak to lift it "
+    "at once, so it must swing to and fro first.",
     control_timestep=0.02,
     max_steps=400,
     goal_space=_TIP_AND_VELOCITY_SPACE,

@@ -84,7 +84,7 @@ _COLUMNS = _Columns()
 _GRASP = 0  # the model's only equality constraint
 
 _SPEC = task_spec.TaskSpec(
-    title="A robot worm is to pick the blue rod up and to bring it to the yellow one.",
+    title="A robot worm must pick up the blue rod and bring it to the yellow one.",
     control_timestep=0.015,  # seconds
     max_steps=300,
     horizons={1: (30, 10)},  # T_0 and T_1; the paper has one T for all levels (Section 3.2)

@@ -47,7 +47,7 @@ _EFFECTOR_SPACE = goal_space.GoalSpace(
 _COLUMNS = {"joints": slice(0, 6), "joint_velocities": slice(6, 12), "effector": slice(12, 15)}
 
 _SPEC = task_spec.TaskSpec(
-    title="A UR5 arm is to bring its gripper to a point a quarter turn away.",
+    title="A UR5 arm must bring its gripper to a point a quarter turn away.",
     control_timestep=0.01,  # seconds
     max_steps=200,
     goal_space=_EFFECTOR_SPACE,

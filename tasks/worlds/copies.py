@@ -15,28 +15,30 @@ from tasks.worlds import making
 _GOAL_KEYS = ("observation", "achieved_goal", "desired_goal")
 _NO_GOAL = (
     "{word}: its observations are {space}, not a dictionary of observation, achieved_goal and "
-    "desired_goal with a compute_reward: say which numbers are the goal, as in --goal='obs[0:2]' "
-    "with --goal_threshold=0.1"
+    "desired_goal with a compute_reward: name the elements that are the goal, as in "
+    "--goal='obs[0:2]' with --goal_threshold=0.1"
 )
 _NO_REWARD = (
-    "{word}: it has goals, and no compute_reward(achieved_goal, desired_goal, info) that says what "
-    "achieves them; give --goal_threshold, or add one to the environment"
+    "{word}: it has goals, but no compute_reward(achieved_goal, desired_goal, info) that says "
+    "when they are achieved; give --goal_threshold, or add compute_reward to the environment"
 )
 _HAS_GOAL = "{word}: it has goals of its own; --goal is for environments that have none"
-_NO_THRESHOLD = "{word}: --goal={goal} needs --goal_threshold: how near to it counts as achieved"
-_BAD_INDEX = (
-    "{what}={text}: it takes numbers of the observation, as in obs[0:2] or obs[0,3]{more}; "
-    "there are {size}"
+_NO_THRESHOLD = (
+    "{word}: --goal={goal} needs --goal_threshold, the distance within which it is achieved"
 )
-_BAD_VALUE = "{what}={text}: {count} numbers are chosen, and {values} given"
-_FIXED_GOAL = "{word}: it does not say where it keeps its goal, so that the goal cannot be moved"
+_BAD_INDEX = (
+    "{what}={text}: give elements of the observation, as in obs[0:2] or obs[0,3]{more}; there are "
+    "{size}"
+)
+_BAD_VALUE = "{what}={text}: {count} elements are chosen, but the values are {values}"
+_FIXED_GOAL = "{word}: it does not store its goal in an array `goal`, so the goal cannot be moved"
 _UNDETERMINED = (
     "{word}: reset(seed=...) does not determine {what}: two episodes of one seed differ. HAC's "
-    "results are to depend on seeds alone; let the environment draw from self.np_random after "
+    "results must depend on seeds alone; use self.np_random in the environment after "
     "super().reset(seed=seed)"
 )
 _FAILED = "{word}: its {what} failed: {error}"
-_RETURNED = "it returned {given}, and Gymnasium's returns {wanted}"
+_RETURNED = "it returned {given}, but must return {wanted}"
 _TUPLES = {
     "reset": ("observation", "info"),
     "step": ("observation", "reward", "terminated", "truncated", "info"),
@@ -46,21 +48,19 @@ _SHARED = (
     "state in the instance, not in the class or the module"
 )
 _ODD_GOALS = (
-    "{word}: its {key} is {space}; goals are arrays of numbers here (a Box): wrap the environment, "
-    "so that it gives one"
+    "{word}: its {key} is {space}; goals must be arrays of numbers (a Box): wrap the environment "
+    "so that it has one"
 )
 _UNLIKE_GOALS = (
-    "{word}: its achieved_goal has the shape {achieved} and its desired_goal {desired}: they are "
-    "to be alike, for hindsight puts one in the other's place"
+    "{word}: its achieved_goal has the shape {achieved} and its desired_goal {desired}: they must "
+    "be the same, because hindsight replaces one by the other"
 )
 _PICTURES = (
-    "{word}: its observations are {count} numbers, as pictures are; networks here take a few "
+    "{word}: its observations have {count} numbers, as images do, but these networks suit a few "
     "hundred: choose what to observe, as with gymnasium's FilterObservation"
 )
 _MOST_NUMBERS = 5000
-GLOBAL_RANDOM = (
-    "it draws from numpy's or Python's global random generators, which are seeded for it here"
-)
+GLOBAL_RANDOM = "it uses numpy's or Python's global random generators, which the suite seeds for it"
 _PROBE_SEED, _PROBE_STEPS = 123, 5
 _BROKEN = [  # MuJoCo's warnings after which it resets the state in mid-episode
     int(getattr(mujoco.mjtWarning, f"mjWARN_BAD{what}")) for what in ("QPOS", "QVEL", "QACC")

@@ -15,9 +15,7 @@ from tasks.worlds.settings import Settings, spec_of
 if TYPE_CHECKING:
     from tasks.worlds.world import World
 
-_NO_COMPOSER = (
-    "{word} is no dm_control task: there is no composer.Environment of it; use load_vector"
-)
+_NO_COMPOSER = "{word} is not a dm_control task, so it has no composer.Environment; use load_vector"
 
 
 class FittedEnv:

@@ -11,22 +11,22 @@ from tasks import goal_space
 Judge = Callable[[np.ndarray, np.ndarray], np.ndarray]  # achieved, goal [..., G] -> bool [...]
 
 _NEEDS_INFO = (
-    "{word}: compute_reward(achieved_goal, desired_goal, {{}}) failed: {error}. It is to return a "
-    "number for any two goals, without an info: hindsight asks about goals that were never played; "
-    "or give --goal_threshold"
+    "{word}: compute_reward(achieved_goal, desired_goal, {{}}) failed: {error}. It must return a "
+    "number for any two goals and an empty info, because hindsight compares goals that were never "
+    "played; or give --goal_threshold"
 )
 _ALWAYS = (
-    "{word}: its compute_reward is {only} for all of {count} pairs of goals, so it does not say "
-    "what counts as achieved; give --goal_threshold"
+    "{word}: its compute_reward is {only} for all of {count} pairs of goals, so it does not show "
+    "when a goal is achieved; give --goal_threshold"
 )
 _DENSE = (
-    "{word}: its compute_reward gives {count} different rewards, so it does not say what counts as "
-    'achieved: ask for sparse rewards (often --task_args=\'{{"reward_type": "sparse"}}\'), or give '
+    "{word}: its compute_reward gives {count} different rewards, so it does not show when a goal "
+    'is achieved: use sparse rewards (often --task_args=\'{{"reward_type": "sparse"}}\'), or give '
     "--goal_threshold"
 )
 _NOT_BEST = (
     "{word}: its compute_reward is {at} at the goal itself and {best} elsewhere, so it does not "
-    "say what counts as achieved; give --goal_threshold"
+    "show when a goal is achieved; give --goal_threshold"
 )
 
 

@@ -15,8 +15,8 @@ import mujoco
 import numpy as np
 
 _NO_MODULE = (
-    "{word}: there is no module {module!r} to import, which should register {id!r}; a file of your "
-    "own is named without .py, and found in the folders of PYTHONPATH"
+    "{word}: there is no module {module!r} to import, which should register {id!r}; name a file "
+    "of your own without .py, and put its folder on PYTHONPATH"
 )
 _BROKEN_MODULE = "{word}: importing {module!r}, which should register {id!r}, failed: {error}"
 _NOT_MADE = "{word}: gymnasium.make({id!r}{args}) failed: {error}"

@@ -14,35 +14,35 @@ _GOALS = 64  # end goals that states are held against
 _NEAR = 10  # thresholds
 
 _HELD = (
-    "{share:.0%} of episodes begin at their goal: success says little; let starts and goals lie "
-    "apart, or the threshold be smaller"
+    "{share:.0%} of episodes begin at their goal, so success says little; move starts and goals "
+    "apart, or make the threshold smaller"
 )
 _NO_OVERLAP = (
-    "no state of any episode comes near any end goal (ten thresholds): hindsight teaches nothing "
-    "of where goals are; begin some training episodes near goals, or let goals lie where "
-    "episodes come"
+    "no episode comes near any end goal (within ten thresholds), so hindsight teaches nothing "
+    "about end goals; begin some training episodes near goals, or move goals to where episodes "
+    "reach"
 )
 _NOT_REACHED = (
-    "goals are asked for in {name} from {low:.3g} to {high:.3g}, and episodes came from "
+    "end goals range from {low:.3g} to {high:.3g} in {name}, but episodes reached only "
     "{least:.3g} to {most:.3g}: {share:.0%} of it"
 )
 _STILL = (
-    "what achieves the goal stood still in {share:.0%} of episodes: a subgoal there does not say "
-    "what to do about that; add what the agent moves itself to the subgoal space{how}"
+    "the achieved goal did not change in {share:.0%} of episodes, so a subgoal in that space does "
+    "not tell the agent what to do; add what the agent moves itself to the subgoal space{how}"
 )
 _FAILED = "{share:.0%} of random episodes end in failure, after {steps:.0f} steps (median)"
 _CUT = "{share:.0%} of episodes diverge or are cut short by the environment"
 _STANDING = (
-    "a subgoal in {name} is achieved within {threshold:.3g}, but T_0 = {steps} steps carry "
-    "{far:.3g}: standing still would do"
+    "the subgoal threshold in {name} is {threshold:.3g}, but T_0 = {steps} steps change it by "
+    "only {far:.3g}: standing still would achieve subgoals"
 )
 _TOO_FINE = (
-    "a step carries {one:.3g} in {name}, and a subgoal is achieved within {threshold:.3g}: it "
-    "would be jumped over"
+    "one step changes {name} by {one:.3g}, but the subgoal threshold is {threshold:.3g}: steps "
+    "would jump over subgoals"
 )
 _SCALE = (
-    "observation {name} is divided by {scale:.3g}, and what was seen asks for {found:.3g}: "
-    "{ratio:.0f} times off"
+    "observation {name} is divided by {scale:.3g}, but episodes suggest {found:.3g}: a factor of "
+    "{ratio:.0f}"
 )
 _EASY = "{share:.0%} of random episodes succeed: there is little to learn"
 

@@ -175,7 +175,7 @@ def spec_of(
 
 _TOML = """\
 # Spaces for {task}
-# Written by launch/fit.py from what it saw; edit what you know better, then train:
+# Estimated by launch/fit.py; edit what you know better, then train:
 #   python launch/run.py --task={file}
 task = {word}
 max_steps = {max_steps}  # control steps after which an episode is cut off
@@ -185,23 +185,23 @@ max_steps = {max_steps}  # control steps after which an episode is cut off
 offset = {observation_offset}
 scale = {observation_scale}
 
-# Where end goals lie. {threshold_note}
+# The range of end goals. {threshold_note}
 [goal]  # {goal_names}
 low = {goal_low}
 high = {goal_high}
 threshold = {goal_threshold}
 
-# Where subgoals may lie. A subgoal is achieved within the threshold, in every dimension.
+# The range of subgoals. A subgoal is achieved within the threshold in every dimension.
 [subgoal]  # {subgoal_names}
 low = {subgoal_low}
 high = {subgoal_high}
 threshold = {subgoal_threshold}
 
-# T by number of subgoal layers: attempts of each level, the lowest first.
+# T by number of subgoal layers: the most attempts of each level, the lowest level first.
 [horizons]
 {horizons}
 """
-_JUDGED = "The environment itself judges them: the threshold only describes it."
+_JUDGED = "The environment decides whether they are achieved; the threshold only describes that."
 
 
 def as_toml(settings: Settings, task: str, file: str, names: tuple[Sequence[str], ...]) -> str:

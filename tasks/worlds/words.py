@@ -27,7 +27,7 @@ _ESTIMATED = (
     "its spaces are estimated from random episodes; `python launch/fit.py` shows them, and writes "
     "them to a file to edit"
 )
-_NOT_JSON = "{word}: what follows the ? is no JSON object: {error}"
+_NOT_JSON = "{word}: the text after the ? is not a JSON object: {error}"
 _NO_OPTION = "{word}: there is no option {name!r}; there are {names}"
 _WRONG = "{word}: its option {name} is {value!r}; it takes {wanted}"
 _WANTED = {
@@ -152,7 +152,7 @@ def _parsed(word: str) -> tuple[str, dict[str, Any], dict[str, Any] | None]:
     except ValueError as error:
         raise ValueError(_NOT_JSON.format(word=plain, error=error)) from error
     if not isinstance(options, dict):
-        raise ValueError(_NOT_JSON.format(word=plain, error=f"{text} is none"))
+        raise ValueError(_NOT_JSON.format(word=plain, error=f"{text} is not one"))
     given = options.pop("settings", None)
     for name, value in options.items():
         if name not in _OPTIONS:

@@ -11,24 +11,21 @@ from tasks import vector
 from tasks.worlds import estimates, fitted, judging, making
 from tasks.worlds.copies import EnvCopy, Options, Pool, View, compute_reward, finite
 
-_NO_LIMIT = (
-    "{word}: it has no time limit of its own: say after how many steps an episode ends, as in "
-    "--max_steps=200"
-)
+_NO_LIMIT = "{word}: it has no time limit: give the steps of an episode, as in --max_steps=200"
 _NO_COUNT = "{word}: max_steps is {value}; it takes a count"
-_NOT_NEAR = "{word}: --goal_threshold={given}: it takes numbers above 0"
+_NOT_NEAR = "{word}: --goal_threshold={given}: give numbers above 0"
 _NOT_MAKER = (
-    "{word}: it is one environment, and several are needed: give a function that makes them, or "
+    "{word}: this is one environment, but several are needed: give a function that makes them, or "
     "an id"
 )
-_ARGS = "{word}: args={args} are for an id; bind them to the function, as functools.partial does"
+_ARGS = "{word}: args={args} are only for an id; bind them to the function with functools.partial"
 _TAKEN = (
-    "{word}: another VectorEnv of this task has begun episodes in the same copies; copies are "
-    "shared within tasks.find(...): call tasks.from_gymnasium for some of your own"
+    "{word}: another VectorEnv of this task has begun episodes in the same copies, which "
+    "tasks.find(...) shares; call tasks.from_gymnasium to get separate ones"
 )
 _SEEDS = 2**32  # seeds lie in [0, 2**32)
 _FRAMES = 30  # a second of video, where the environment does not say
-_THRESHOLDS = "{word}: --goal_threshold has {given} numbers; it takes one, or {count}"
+_THRESHOLDS = "{word}: --goal_threshold has {given} numbers; give one, or {count}"
 _PAIRS = 64  # episodes whose goals are looked at to learn what compute_reward means
 
 

@@ -186,7 +186,7 @@ def test_a_folder_without_journals_is_refused(tmp_path, capsys):
 def test_a_file_that_is_no_journal_is_named(tmp_path, capsys, text):
     (tmp_path / "wrong.journal").write_text(text)
     assert tuning.main(["", f"--data={tmp_path}"]) == 2
-    assert "wrong.journal is no journal" in capsys.readouterr().err
+    assert "wrong.journal is not a journal" in capsys.readouterr().err
 
 
 def test_without_optuna_the_extra_is_named(folder, capsys, monkeypatch):

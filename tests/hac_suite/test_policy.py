@@ -237,7 +237,7 @@ def test_acting_before_an_episode_has_begun_is_refused():
 def test_the_spec_of_another_task_is_refused(policy):
     env = PointEnv(1)
     env.observation_scale = np.ones(7)
-    with pytest.raises(ValueError, match="it is of another task"):
+    with pytest.raises(ValueError, match="it was trained on another task"):
         policy.reset(env)
 
 

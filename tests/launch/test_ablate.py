@@ -88,4 +88,4 @@ def test_help_names_the_variants_and_each_flag_of_training_once(capsys):
 
 def test_no_variants_are_answered(capsys):
     assert ablate.main(["launch/ablate.py", "--variants="]) == 2
-    assert "--variants=: it takes some of paper, " in capsys.readouterr().err
+    assert "--variants=: give one or more of paper, " in capsys.readouterr().err

@@ -119,7 +119,7 @@ def test_gymnasiums_reacher_is_a_model_to_begin_from(tmp_path, monkeypatch, caps
     monkeypatch.chdir(tmp_path)
     model = Path(gymnasium.__file__).parent / "envs" / "mujoco" / "assets" / "reacher.xml"
     assert new_task.main(["new_task", "reach", str(model)]) == 0
-    assert "became implicitfast" in capsys.readouterr().out
+    assert "was replaced by implicitfast" in capsys.readouterr().out
     found = list(check.findings(tasks.find(f"{tmp_path}/reach.py:reach")))
     assert [f for f in found if f.verdict == "wrong"] == []
     assert tasks.spec(f"{tmp_path}/reach.py:reach").goal_space.names[0] == "fingertip_x"
@@ -130,13 +130,13 @@ def test_gymnasiums_reacher_is_a_model_to_begin_from(tmp_path, monkeypatch, caps
     [
         # The file, changed as people change it; and what is to be said of it.
         ('self._goal_marker = markers.Marker', "self._goal = self._goal_marker = markers.Marker",
-         "assigns self._goal, which tasks.base.GoalTask has already"),
+         "assigns self._goal, which tasks.base.GoalTask uses itself"),
         ("    def achieved_goal(self, readings):", "    def get_reward(self, physics):\n"
          "        return 1.0\n\n    def achieved_goal(self, readings):",
-         "get_reward of its own, which training never calls"),
-        ('"velocities": (', '"velocities": (200.0 * ', "times off"),
+         "defines get_reward, which training never calls"),
+        ('"velocities": (', '"velocities": (200.0 * ', "a factor of"),
         ("readings[..., _VELOCITIES]", "readings.T[_VELOCITIES].T if readings.ndim < 3 "
-         "else readings[0][..., _VELOCITIES]", "for many readings"),
+         "else readings[0][..., _VELOCITIES]", "gives different values"),
         ("random_state.uniform(_START_LOW, _START_HIGH))", "np.random.uniform(_START_LOW, "
          "_START_HIGH))", "two episodes of one seed differ"),
         ("lambda place: not _SPACE.achieved(place, goal)", "lambda place: "
@@ -189,7 +189,7 @@ def test_what_is_wrong_with_a_model_is_said_with_a_remedy(arm, pattern, new, sai
 def test_the_program_draws_a_picture_and_its_exit_status_tells(arm, capsys):
     assert check_task.main(["check_task", f"{arm}:arm"]) == 0
     shown = capsys.readouterr().out
-    assert "arm-arm.png: how it looks" in shown and "wrong" not in shown
+    assert "arm-arm.png: a picture of a test start" in shown and "wrong" not in shown
     assert (arm.parent / "arm-arm.png").stat().st_size > 2000
     text = arm.read_text().replace("self._goal_marker = m", "self._goal = self._goal_marker = m")
     other = arm.with_name("taken.py")
@@ -201,12 +201,12 @@ def test_the_program_draws_a_picture_and_its_exit_status_tells(arm, capsys):
 @pytest.mark.parametrize(
     ("model", "words", "said"),
     [
-        (ARM, ["Arm", "model.xml"], "small letters"),
-        (ARM, ["pick_place", "model.xml"], "its own"),
+        (ARM, ["Arm", "model.xml"], "lower-case letters"),
+        (ARM, ["pick_place", "model.xml"], "no other task has it"),
         (ARM, ["arm", "none.xml"], "there is no model"),
         (ARM, ["arm"], "a name and a model"),
         (ARM, ["arm", "model.xml", "--point=hand"], "no site or body 'hand'; it has tip"),
-        ("<mujoco>", ["arm", "model.xml"], "is no MJCF that compiles"),
+        ("<mujoco>", ["arm", "model.xml"], "does not compile as MJCF"),
         (re.sub("<actuator>.*</actuator>", "", ARM, flags=re.DOTALL), ["arm", "model.xml"],
          "has no actuators"),
         (ARM.replace('ctrlrange="-1 1" gear', "gear"), ["arm", "model.xml"], "has no ctrlrange"),
@@ -224,7 +224,7 @@ def test_a_model_that_is_none_to_begin_from_is_refused(
 
 def test_files_are_not_written_over_unasked(arm, capsys):
     assert new_task.main(["new_task", "arm", "model.xml"]) == 2
-    assert "arm.py is there already" in capsys.readouterr().err
+    assert "arm.py exists already" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

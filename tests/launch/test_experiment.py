@@ -177,7 +177,7 @@ def test_a_stopped_launch_goes_on_with_the_same_command(tmp_path, capsys):
     threading.Timer(4.0, os.kill, (os.getpid(), signal.SIGTERM)).start()
     words = ("--seeds=1", "--periods=1", "--subgoal_layers=0")
     assert launch(tmp_path, *words, work=fake_jobs.train_for_ever) == 128 + 15
-    assert "the same command goes on" in capsys.readouterr().out
+    assert "the same command resumes" in capsys.readouterr().out
     manifest_file = tmp_path / "pendulum_climb" / "manifest.json"
     assert json.loads(manifest_file.read_text())["finished"] is None
     assert launch(tmp_path, *words) == 0
@@ -204,7 +204,7 @@ def test_pictures_that_fail_do_not_harm_training(tmp_path, capsys, monkeypatch):
     assert launch(tmp_path, "--seeds=1", "--periods=1", "--video") == 0
     printed = capsys.readouterr().out
     assert "no replay of pendulum_climb, 1 subgoal layer: no ink" in printed
-    assert "figure.png was not refreshed: no ink" in printed
+    assert "figure.png was not updated: no ink" in printed
     assert "report.html was not written: no ink" in printed
     assert "no video of pendulum_climb, 1 subgoal layer" in printed and "libegl1" in printed
     assert list((tmp_path / "pendulum_climb" / "videos").iterdir()) == []
@@ -244,4 +244,4 @@ def test_attempts_that_span_too_few_steps_are_warned_of():
     asked = request.parse(["", "--task=pendulum_climb"])
     short = asked._replace(attempts={1: (20, 8), 2: (20, 5, 3)})
     (warning,) = experiment._short(short)
-    assert "1 subgoal layer: T = [20, 8] allows 160 of the 300 steps" in warning
+    assert "1 subgoal layer: T = [20, 8] allows only 160 of the 300 steps" in warning

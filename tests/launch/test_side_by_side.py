@@ -77,7 +77,7 @@ def test_stages_of_training_are_shown_in_their_order(asked, run):
         (["--output=v.png"], "ends in .webp, .gif or .mp4"),
         (["--training", "--run=nowhere"], "launch/run.py --keep_policies=0,1,3` keeps the"),
         (["--training", "--subgoal_layers=1"], "has no policy of 1 subgoal layer; it has 2"),
-        (["--size=9"], "--size=9: it takes WIDTHxHEIGHT"),
+        (["--size=9"], "--size=9: give WIDTHxHEIGHT"),
     ],
 )
 def test_bad_input_is_answered_in_one_line(asked, run, capsys, words, answer):

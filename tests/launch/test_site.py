@@ -43,13 +43,13 @@ def test_a_report_and_a_replay_for_each_task_and_the_docs(published):
 
 def test_what_cannot_be_made_is_refused_and_leaves_nothing(published):
     output, data, chosen = (published / name for name in ("site", "grid", "policies"))
-    with pytest.raises(CommandError, match="`make docs` builds them"):
+    with pytest.raises(CommandError, match="run `make docs` to build them"):
         site.build(output, data, chosen, published / "nowhere")
     with pytest.raises(ValueError, match="holds results of none of the paper's tasks"):
         site.build(output, chosen, chosen, None)
     assert not output.exists()
     output.mkdir()
     (output / "thesis.tex").write_text("mine")
-    with pytest.raises(CommandError, match="holds other things than a site"):
+    with pytest.raises(CommandError, match="holds files that are no site"):
         site.build(output, data, chosen, None)
     assert (output / "thesis.tex").read_text() == "mine"

@@ -100,7 +100,7 @@ def test_a_running_experiment_and_the_same_one_killed(tmp_path, capsys):
         assert [run.state for run in state.runs] == ["waiting", "waiting", "running", "running"]
         headline = said(folder.path, capsys)[0]
         assert f"running (process {process.pid}, since 20" in headline
-        assert "0 of 4 runs done; the time left shows after the first periods" in headline
+        assert "0 of 4 runs done; the time left is shown after the first test periods" in headline
     finally:
         os.kill(process.pid, signal.SIGKILL)
         process.wait()
@@ -108,7 +108,7 @@ def test_a_running_experiment_and_the_same_one_killed(tmp_path, capsys):
     before = sorted(folder.path.rglob("*"))
     printed = said(folder.path, capsys)
     assert sorted(folder.path.rglob("*")) == before
-    assert "interrupted, no process is at work on it; 0 of 4 runs done" in printed[0]
+    assert "interrupted, no process is running; 0 of 4 runs done" in printed[0]
     assert printed[-1].startswith("to go on: python ") and "--seeds=2" in printed[-1]
 
 

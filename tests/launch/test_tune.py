@@ -141,7 +141,7 @@ def test_the_same_command_continues_what_a_signal_ended(tmp_path, capsys, number
     assert again.state == TrialState.COMPLETE and again.params == trials[0].params
     assert again.user_attrs["label"] == "default"
     assert 1 <= seconds(trials) < 2
-    said = "trial 0: its process was killed; it begins again" in capsys.readouterr().out
+    said = "trial 0: its process was killed; it is started again" in capsys.readouterr().out
     assert said == (number == signal.SIGKILL)
 
 
@@ -212,7 +212,7 @@ def test_a_trial_taken_for_dead_is_given_up_without_harm(tmp_path, capsys):
             yield result
 
     assert tune.main(words(tmp_path, seconds=1), train=overtaken) == 0
-    assert "trial 0: given up, another worker took it for dead" in capsys.readouterr().out
+    assert "trial 0: abandoned, because another worker declared it dead" in capsys.readouterr().out
     trials = study(tmp_path).trials
     assert trials[0].state == TrialState.FAIL and trials[1].state == TrialState.COMPLETE
 
@@ -252,7 +252,7 @@ def test_lost_seeds_count_as_failures(tmp_path):
     first = study(tmp_path).trials[0]
     curves = first.user_attrs["curves"]["pendulum_climb"]
     assert curves["success"] == [[1, 1], [1, 0], [0, 0], [0, 0]]
-    assert "no finite number" in curves["lost"]["101"]
+    assert "not finite" in curves["lost"]["101"]
     assert first.state == TrialState.COMPLETE and first.value < 0.9
 
 
@@ -271,19 +271,19 @@ def test_the_real_training_is_what_a_trial_carries_out(tmp_path, layers):
     ("word", "said"),
     [
         ("--task=pendulum_clim", "unknown task 'pendulum_clim': did you mean 'pendulum_climb'?"),
-        ("--task=pendulum_climb,pendulum_climb", "each of them once"),
-        (f"--task={ROOT}/tasks/families/depth.py:ur5_reacher_400", "it takes the suite's tasks"),
-        ("--seeds=10", "names seed 0: those below 100 are for published results"),
+        ("--task=pendulum_climb,pendulum_climb", "give each task once"),
+        (f"--task={ROOT}/tasks/families/depth.py:ur5_reacher_400", "give tasks of the suite"),
+        ("--seeds=10", "names seed 0: seeds below 100 are for published results"),
         ("--seeds=99-103", "names seed 99"),
-        ("--hours=0", "it takes core-hours above zero"),
-        ("--hours=nan", "it takes core-hours above zero"),
+        ("--hours=0", "give a number of core-hours above zero"),
+        ("--hours=nan", "give a number of core-hours above zero"),
         ("--subgoal_layers=3", "3 is not an integer in the range [0, 2]"),
         ("--periods=0", "--periods=0"),
         ("--learner=sac", "sac"),
         ("--search=none.toml", "there is no search file 'none.toml'"),
         (f"--search={ROOT}", "cannot be read"),
         (f"--out={ROOT}/README.md", "README.md is no folder"),
-        ("--out=", "a folder's name is printable text"),
+        ("--out=", "give a name of printable characters"),
         ("--horus=3", "did you mean 'hours'?"),
         ("hours=3", "unexpected word 'hours=3'"),
     ],
@@ -358,7 +358,7 @@ def test_a_file_that_is_no_journal_is_refused_and_kept(tmp_path, capsys, text):
     path = tmp_path / f"{NAME}.journal"
     path.write_text(text)
     assert tune.main(words(tmp_path), train=fake_trainings.raises) == 2
-    assert "is no journal of trials" in capsys.readouterr().err
+    assert "is not a journal of trials" in capsys.readouterr().err
     assert path.read_text() == text
 
 

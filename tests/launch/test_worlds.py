@@ -139,9 +139,9 @@ def test_no_backend_is_blamed_for_a_world_without_pictures(monkeypatch, capsys):
     ("words", "problem"),
     [
         (["--task=pick_place", "--max_steps=9"], "flag --max_steps: it is for --task=gym:ID"),
-        ([f"--task={POINT}", "--task_args=[1]"], "takes a JSON object"),
-        ([f"--task={POINT}", "--task_args={oops"], "takes a JSON object"),
-        ([f"--task={POINT}", "--goal_threshold=0,1"], "takes numbers above 0"),
+        ([f"--task={POINT}", "--task_args=[1]"], "give a JSON object"),
+        ([f"--task={POINT}", "--task_args={oops"], "give a JSON object"),
+        ([f"--task={POINT}", "--goal_threshold=0,1"], "give numbers above 0"),
         ([f"--task={POINT}", '--task_args={"tarminates": 1}'], "tarminates"),
         ([f"--task={POINT}", "--goal=obs[0]"], "goals of its own"),
         (["--task=gym:HacToy/Absent-v0"], "gymnasium.make"),
@@ -198,15 +198,15 @@ def test_fit_holds_its_estimates_against_those_made_by_hand(tmp_path, capsys, mo
     assert (tmp_path / "pendulum_climb_fit.toml").is_file() and "flat agent" not in shown
     again = ["fit", "--task=pendulum_climb", "--train_episodes=0"]
     assert fit.main(again) == 2  # somebody may have edited it
-    assert "is there already; --overwrite" in capsys.readouterr().err
+    assert "exists already; add --overwrite" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
     ("words", "problem"),
     [
-        ([], "flag --task: say which"),
+        ([], "flag --task is missing"),
         ([f"--task={POINT}", "--output=a.txt"], "ends in .toml"),
-        ([f"--task={POINT}", "--output=pick_place.toml"], "is no task's"),
+        ([f"--task={POINT}", "--output=pick_place.toml"], "is not that of a task"),
         (["--task=gym:HacToy/PointForEver-v0"], "no time limit"),
     ],
 )

@@ -124,7 +124,7 @@ def test_a_duplicate_name_is_refused():
     def pick_place(test=False):
         raise AssertionError("never built")
 
-    with pytest.raises(ValueError, match="'pick_place' is registered already"):
+    with pytest.raises(ValueError, match="'pick_place' is already registered"):
         registry.add(tasks.spec("pick_place"))(pick_place)
     assert tasks.find("pick_place").factory is not pick_place
 
@@ -172,11 +172,11 @@ def test_two_files_called_alike_are_two(own, tmp_path):
         ("raise ValueError('one\\ntwo')", "x", "line 1: ValueError: one two$"),
         ("import sys\nsys.exit(3)", "x", "line 2: SystemExit: 3$"),
         ("import no_such_module", "x", "ModuleNotFoundError: .*'no_such_module'$"),
-        ("", "x", "registers no task 'x': it registers none with tasks.registry.add$"),
+        ("", "x", "registers no task 'x': it registers no task with tasks.registry.add$"),
         (OWN, "pick_plce", "registers no task 'pick_plce': did you mean 'pick_place'"),
         (OWN, "zzz", "registers no task 'zzz': it registers pick_place$"),
-        (OWN, "", "say which of its tasks, as in .*mine.py:pick_place$"),
-        (OWN + OWN, "pick_place", "line 1.: ValueError: .*'pick_place' is registered already"),
+        (OWN, "", "add the name of its task, as in .*mine.py:pick_place$"),
+        (OWN + OWN, "pick_place", "line 1.: ValueError: .*'pick_place' is already registered"),
     ],
 )
 def test_what_is_wrong_with_a_file_is_said_in_one_line(own, text, name, problem):

@@ -90,7 +90,7 @@ def _some_of(name: str, words: str, known: Collection[str]) -> list[str]:
     chosen = words.split(",")
     for word in chosen:
         if word not in known:
-            raise CommandError(f"flag --{name}={words}: it takes some of {','.join(known)}")
+            raise CommandError(f"flag --{name}={words}: give one or more of {','.join(known)}")
     return chosen
 
 

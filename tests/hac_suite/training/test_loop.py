@@ -175,7 +175,11 @@ def test_a_learner_that_no_gpu_can_take_is_refused_there():
 
 @pytest.mark.parametrize(
     ("seeds", "attempts", "message"),
-    [([], (5, 4), "Seeds must"), ([1, 1], (5, 4), "differ"), ([1], (5,), "need 2 horizons")],
+    [
+        ([], (5, 4), "different seeds"),
+        ([1, 1], (5, 4), "different seeds"),
+        ([1], (5,), "need 2 horizons"),
+    ],
 )
 def test_wrong_arguments_are_named_before_anything_runs(seeds, attempts, message):
     with pytest.raises(ValueError, match=message):

@@ -214,7 +214,7 @@ def test_restoring_leaves_all_memory_in_place(config, tmp_path):
     [
         (dict(seeds=[3, 1]), "longer"),
         (dict(seeds=[3, 1, 4, 5]), "shorter"),
-        (dict(seeds=[1, 3, 4]), "state is of seed 3, not of seed 1"),
+        (dict(seeds=[1, 3, 4]), "state belongs to seed 3, not to seed 1"),
         (dict(config=dataclasses.replace(TINY, hidden_sizes=(8, 4))), "level0.actor is"),
         (dict(config=dataclasses.replace(TINY, replay_capacity=500)), "replay is"),
         (dict(config=TD3), "not a state of this training"),
@@ -230,7 +230,7 @@ def test_a_state_of_something_else_is_refused(tmp_path, change, message):
 
 def test_seeds_that_stand_at_different_episodes_are_refused(tmp_path):
     early, late = (stopped_at(n, tmp_path / str(n), 0) for n in (1, 2))
-    with pytest.raises(ValueError, match=r"episodes \[4, 8\]"):
+    with pytest.raises(ValueError, match=r"episodes: \[4, 8\]"):
         train(0, start=[early[0], late[1], late[2]])
 
 

@@ -46,5 +46,5 @@ def test_an_animation_moves_without_end_and_keeps_to_its_size(tmp_path, suffix):
 
 
 def test_what_cannot_be_made_so_small_says_what_to_do(tmp_path):
-    with pytest.raises(TooLarge, match=r"it takes .* MB at the least; .* --size"):
+    with pytest.raises(TooLarge, match=r"it needs at least .* MB; .* --size"):
         write_animation(frames(), tmp_path / "film.webp", 100)

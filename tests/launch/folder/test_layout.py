@@ -366,5 +366,5 @@ def test_another_configuration_is_refused_naming_what_differs(tmp_path):
 @pytest.mark.parametrize("text", ["{", "[]", "{}", '{"config": 1}'])
 def test_a_file_that_is_no_manifest_is_refused(tmp_path, text):
     (tmp_path / "manifest.json").write_text(text)
-    with pytest.raises(CommandError, match="move the folder away"):
+    with pytest.raises(CommandError, match="move the folder elsewhere"):
         manifest.read(tmp_path / "manifest.json")

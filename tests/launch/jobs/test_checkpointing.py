@@ -89,8 +89,8 @@ def test_a_damaged_checkpoint_costs_a_few_rounds_and_a_warning(tmp_path, whole, 
     status, printed = live(tmp_path / "here", *WORDS)
     assert status == 0
     assert f"warning: {damaged} " in printed
-    assert "seed 0: goes on from episode 16" in printed
-    assert "2 seed(s) go on from episode 16, 20" in printed
+    assert "seed 0: resumes from episode 16" in printed
+    assert "2 seed(s) resume from episode 16, 20" in printed
     assert outcome(tmp_path / "here") == whole
 
 
@@ -100,8 +100,8 @@ def test_with_both_damaged_a_seed_starts_again_and_the_others_are_untouched(tmp_
         spoil(file)
     status, printed = live(tmp_path / "here", *WORDS)
     assert status == 0 and printed.count("is damaged") == 2
-    assert "seed 0: no checkpoint is whole; it starts from nothing" in printed
-    assert "1 seed(s) go on from episode 20" in printed
+    assert "seed 0: no checkpoint is whole; it starts again" in printed
+    assert "1 seed(s) resume from episode 20" in printed
     assert outcome(tmp_path / "here") == whole
 
 
@@ -137,7 +137,9 @@ def test_a_checkpoint_of_another_run_is_refused(tmp_path, tiny):
     before = {file: file.read_bytes() for file in folder.path.rglob("*.*") if file.is_file()}
     status, printed = live(tmp_path / "here", *WORDS)
     assert status == 2
-    assert "is a checkpoint of another run (seed is 0 there and 1 here); move it away" in printed
+    assert (
+        "is a checkpoint of another run (seed is 0 there and 1 here); move it elsewhere" in printed
+    )
     after = {file: file.read_bytes() for file in folder.path.rglob("*.*") if file.is_file()}
     assert {**after, folder.path / ".lock": b""} == {**before, folder.path / ".lock": b""}
 
@@ -160,7 +162,7 @@ def test_rows_of_a_crafted_checkpoint_never_reach_results(tmp_path, tiny, interr
     file.write_text(checkpoint._as_text(description))
     before = folder.results.read_bytes()
     status, printed = live(tmp_path / "here", *WORDS)
-    assert status == 2 and "its rows are not those of results.csv; remove it" in printed
+    assert status == 2 and "its rows do not match results.csv; remove it" in printed
     assert folder.results.read_bytes() == before
 
 
@@ -176,7 +178,7 @@ def test_a_shorter_run_does_not_throw_a_longer_ones_work_away(tmp_path, tiny):
 def test_more_periods_go_on_from_the_checkpoint(tmp_path, tiny):
     interrupted(tmp_path / "here", episodes=28)
     status, printed = live(tmp_path / "here", *WORDS, "--periods=4")
-    assert status == 0 and "2 seed(s) go on from episode 28" in printed
+    assert status == 0 and "2 seed(s) resume from episode 28" in printed
     assert live(tmp_path / "whole", *WORDS, "--periods=4")[0] == 0
     assert outcome(tmp_path / "here") == outcome(tmp_path / "whole")
 
@@ -206,7 +208,7 @@ def test_going_on_under_changed_code_is_warned_of_and_recorded(tmp_path, tiny, m
     monkeypatch.setattr(manifest, "commit", lambda: "d4e5f6+changes")
     status, printed = live(tmp_path / "here", *WORDS)
     (line,) = [line for line in printed.splitlines() if line.startswith("warning: ")]
-    assert status == 0 and "commit a1b2c3 began what d4e5f6+changes goes on with" in line
+    assert status == 0 and "begun with commit a1b2c3 and resumed with d4e5f6+changes" in line
     recorded = manifest.read(RunFolder(tmp_path / "here", TASK).manifest)
     assert recorded is not None and recorded["commit"] == "d4e5f6+changes"
     assert [launch["commit"] for launch in recorded["earlier_launches"]] == ["a1b2c3"]
@@ -271,7 +273,7 @@ def test_a_run_that_fails_is_tried_again_from_its_checkpoint(tmp_path, whole):
     status, printed = live(out, *WORDS, first=fail)
     assert status == 99, printed
     status, printed = live(out, *WORDS)
-    assert status == 0 and "2 seed(s) go on from episode 28" in printed
+    assert status == 0 and "2 seed(s) resume from episode 28" in printed
     assert outcome(out) == whole
 
 
@@ -313,9 +315,9 @@ def test_a_save_that_fails_as_the_run_is_stopped_is_told_as_it_is(tmp_path, whol
     out = tmp_path / "here"
     _, printed = live(out, *WORDS, first=signalled_on_a_full_disk)
     assert "stopped at episode 28, which could not be saved" in printed
-    assert "the same command goes on from episode 24" in printed
+    assert "the same command resumes from episode 24" in printed
     assert "holds all until episode 24, and nothing later" in printed
-    assert "training goes on" not in printed and "until here" not in printed
+    assert "training continues" not in printed and "until here" not in printed
     assert standings(out) == dict.fromkeys(NAMES, 24)
     assert live(out, *WORDS)[0] == 0
     assert outcome(out) == whole

@@ -70,9 +70,9 @@ def remove_the_file(folder: RunFolder) -> None:
 @pytest.mark.parametrize(
     ("disturb", "said"),
     [
-        (replace, "was moved, removed or replaced while a launch was at work in it"),
+        (replace, "was moved, removed or replaced while a launch was using it"),
         (remove_the_folder, "was moved, removed or replaced"),
-        (remove_the_header, "lost its header while a launch was at work on it"),
+        (remove_the_header, "lost its header while a launch was using it"),
         (empty, "lost its header"),
         (remove_the_file, "No such file"),
     ],

@@ -82,8 +82,8 @@ def assert_kept(before: Path, now: Path, after: Path) -> None:
 def test_extended_again_and_again_it_is_one_long_run(both, short):
     assert standings(short) == {f"{TASK}_{k}layers_seed{seed}": OVER for k, seed in RUNS}
     printed = launched(short, "--periods=2", "--workers=3")
-    assert printed.count(f"2 seed(s) go on from episode {OVER}") == 2
-    assert "from which more --periods train on; --keep_final=false goes without" in printed
+    assert printed.count(f"2 seed(s) resume from episode {OVER}") == 2
+    assert "which allow more --periods later; --keep_final=false keeps none" in printed
     launched(short, LONG)
     assert outcome(short) == outcome(both / "long")
     for run in RUNS:
@@ -268,7 +268,7 @@ def test_killed_before_its_final_state_a_run_goes_on_from_the_one_before(both, t
     finished = set(RunFolder(out, TASK).results.read_text().splitlines())
     assert "2 of 2 seeds are finished already" in launched(out, SHORT)
     printed = launched(out, LONG)
-    assert printed.count(f"2 seed(s) go on from episode {OVER - 4}") == 2
+    assert printed.count(f"2 seed(s) resume from episode {OVER - 4}") == 2
     assert finished <= set(RunFolder(out, TASK).results.read_text().splitlines())
     assert outcome(out) == outcome(both / "long")
 
@@ -280,7 +280,7 @@ def test_rows_and_a_policy_that_were_lost_come_back_from_the_final_state(both, s
     for file in folder.policies.glob("*seed1*"):
         file.unlink()
     printed = launched(short, SHORT)
-    assert printed.count(f"2 seed(s) go on from episode {OVER}") == 2
+    assert printed.count(f"2 seed(s) resume from episode {OVER}") == 2
     assert outcome(short) == outcome(both / "short")
 
 
@@ -300,7 +300,7 @@ def test_a_disk_that_is_full_at_the_end_costs_the_final_state_and_says_so(short,
         checkpoint.Writer.save = limited  # type: ignore[method-assign]
 
     printed = launched(short, LONG, first=full)
-    assert "the final state could not be kept" in printed and "File too large" in printed
+    assert "the final checkpoint could not be kept" in printed and "File too large" in printed
     assert outcome(short) == outcome(both / "long")
     assert set(standings(short).values()) <= {3 * OVER - 4, 3 * OVER - 8}
     launched(short, "--periods=4")

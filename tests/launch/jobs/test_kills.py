@@ -192,11 +192,11 @@ def test_a_killed_launch_goes_on_in_real_processes(tmp_path, monkeypatch):
     going_on.send_signal(signal.SIGTERM)
     printed, _ = going_on.communicate(timeout=60)
     assert going_on.returncode == 128 + signal.SIGTERM, printed
-    assert "go on from episode" in printed and "stopping: unfinished runs are saved" in printed
+    assert "resume from episode" in printed and "stopping: unfinished runs are saved" in printed
     wait_until_gone(going_on.pid)
     saved = wait_for_checkpoint(tmp_path, after=later - 1)
     printed = finish(start(tmp_path))
-    assert f"go on from episode {saved}" in printed or f", {saved}" in printed
+    assert f"resume from episode {saved}" in printed or f", {saved}" in printed
     left = outcome(tmp_path / "runs")
     assert len(left["rows"]) == 2 * 5
     assert left == uninterrupted(tmp_path / "whole", monkeypatch)

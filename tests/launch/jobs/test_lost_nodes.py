@@ -71,7 +71,7 @@ def test_a_node_dies_in_mid_run_and_the_results_are_those_of_one_machine(
     assert not killer.is_alive()
     printed = capsys.readouterr().out
     begun_again = re.search(
-        r"lost with its machine .*goes on elsewhere from episode (\d+)", printed
+        r"lost with its machine .*resumes elsewhere from episode (\d+)", printed
     )
     assert begun_again and int(begun_again[1]) > 0, printed
     assert "\x1b" not in printed and "\r" not in printed  # also in what Ray itself says

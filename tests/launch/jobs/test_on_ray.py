@@ -108,7 +108,7 @@ def test_a_job_lost_with_its_ray_process_begins_again_where_it_is_told_to(own, t
     assert kinds == ["Started", "int", "WorkerLost", "Started", "int", "Finished"]
     assert [message for message in messages[job] if isinstance(message, int)] == [0, 300]
     (lost,) = [message for message in messages[job] if isinstance(message, WorkerLost)]
-    assert lost.reason == "WorkerCrashedError; goes on elsewhere from episode 300"
+    assert lost.reason == "WorkerCrashedError; resumes elsewhere from episode 300"
 
 
 def test_a_lost_job_whose_checkpoints_cannot_be_used_fails_with_that_reason(own, tmp_path):
@@ -145,6 +145,6 @@ def test_no_cluster_at_the_address_is_answered_in_one_line_and_creates_nothing(t
     command = [sys.executable, RUN, "--executor=ray", "--ray_address=127.0.0.1:1"]
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=120)
     assert done.returncode == 2 and not done.stdout
-    assert "--ray_address=127.0.0.1:1: no Ray cluster answers there" in done.stderr
+    assert "--ray_address=127.0.0.1:1: this machine is not part of a Ray cluster" in done.stderr
     assert done.stderr.count("\n") == 1
     assert list(tmp_path.iterdir()) == []

@@ -78,7 +78,7 @@ def test_stopped_before_its_time_limit_it_is_queued_again_and_goes_on(submit, tm
     second = start()
     printed, _ = second.communicate()
     assert second.returncode == 0, printed
-    assert "seed(s) go on from episode" in printed
+    assert "seed(s) resume from episode" in printed
     assert (folder / "queued_again").read_text().count("\n") == 1
     assert not list(folder.glob(".ray-token-*"))
     assert not list(Path(os.environ.get("TMPDIR", "/tmp")).glob(f"ray-{os.getpid()}-*"))

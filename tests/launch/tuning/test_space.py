@@ -107,7 +107,7 @@ def test_t_spans_the_horizon_and_wastes_little(layers, attempts):
     ("text", "said"),
     [
         ("[space", "cannot be read"),
-        ("core_minutes = 1", "[space] lists nothing to vary"),
+        ("core_minutes = 1", "[space] names no hyperparameter to vary"),
         ("core_minutes = 0\n[space]\ndiscount = {low=0.9, high=1}", "core_minutes = 0"),
         ("[space]\ndiscount = {low=0.9, high=1}", "core_minutes = None"),
         ("[spaces]\ndiscount = {low=0.9, high=1}", "unknown name 'spaces': did you mean 'space'"),
@@ -124,11 +124,11 @@ def test_t_spans_the_horizon_and_wastes_little(layers, attempts):
         ("discount = {low=0.9, high=1.0, least_layers=-1}", "least_layers = -1"),
         ("batch_size = {low=1.5, high=8}", "batch_size takes a value like 256"),
         ("test_draw = {choices=['tpo']}", "test_draw is 'tpo'; it must be one of top, each_level"),
-        ("test_draw = {choices=[]}", "it takes a list of what to choose from"),
-        ("test_draw = {choices=['top', 'top']}", "one of them is there twice"),
+        ("test_draw = {choices=[]}", "give a list of values to choose from"),
+        ("test_draw = {choices=['top', 'top']}", "one of them is listed twice"),
         ("T_0 = {choices=['owm']}", "T_0 = 'owm': it takes a count, or 'own'"),
         ("T_0 = {low=2, high=9}", "T_0 takes choices"),
-        ("a = {together=[{discount=0.9}, {batch_size=8}]}", "each of them sets the same fields"),
+        ("a = {together=[{discount=0.9}, {batch_size=8}]}", "each entry must set the same fields"),
         (
             "a = {together=[{discount=0.9}]}\ndiscount = {choices=[0.98]}",
             "discount is varied twice",
@@ -136,7 +136,7 @@ def test_t_spans_the_horizon_and_wastes_little(layers, attempts):
         ("discount = {choices=[0.9]}\n[starts.x]", "[starts.x]: discount = 0.98 is not in the sea"),
         ("discount = {low=0.9, high=0.95}\n[starts.x]", "discount = 0.98 is not in the search sp"),
         ("discount = {choices=[0.9]}\n[starts.x]\ndicsount = 0.9", "did you mean 'discount'"),
-        ("discount = {choices=[0.9]}\n[starts]\nx = 3", "[starts] takes tables"),
+        ("discount = {choices=[0.9]}\n[starts]\nx = 3", "[starts] must hold tables"),
     ],
 )
 def test_a_bad_search_file_is_answered_by_what_is_wrong(tmp_path, text, said):

@@ -55,7 +55,7 @@ def choose(page: Page, box, value) -> None:
 
 def test_a_goal_that_cannot_be_moved_has_no_sliders(server, page, monkeypatch):
     def fixed(i, goal):
-        raise ValueError("it does not say where it keeps its goal")
+        raise ValueError("it does not store its goal in an array")
 
     monkeypatch.setattr(page._env, "move_goal", fixed)
     server.scene.reset()
@@ -67,7 +67,7 @@ def test_a_goal_that_cannot_be_moved_has_no_sliders(server, page, monkeypatch):
 
 def test_what_mujoco_does_not_simulate_is_refused_with_what_shows_it(server, page, monkeypatch):
     monkeypatch.setattr(page._env, "simulation", lambda i: None)
-    with pytest.raises(CommandError, match=r"play.py --output=video.mp4` films it"):
+    with pytest.raises(CommandError, match=r"play.py --output=video.mp4` renders it"):
         Page(server, page._env, page._spec, page._found, page._chosen)
 
 
@@ -195,4 +195,4 @@ def test_the_address_is_told_with_the_ssh_line():
     assert lines[0].startswith("view: http://127.0.0.1:8123")
     assert "ssh -L 8123:127.0.0.1:8123 " in lines[1]
     opened = serving.told("0.0.0.0", 8123)
-    assert opened[1].startswith("warning: anybody who reaches 0.0.0.0 can use this page")
+    assert opened[1].startswith("warning: anybody who can reach 0.0.0.0 can use this page")

@@ -184,14 +184,14 @@ def test_nothing_is_said_of_a_task_that_can_be_learnt():
         (walk(np.stack([RAMP] * 2, axis=1), asked=[[50.0], [90.0]]),
          "hindsight teaches nothing"),
         (walk(np.stack([RAMP] * 2, axis=1), asked=[[0.0], [90.0]]),
-         r"goals are asked for in x from"),
+         r"end goals range from"),
         (walk(np.stack([RAMP] * 2, axis=1), success=True), "100% of random episodes succeed"),
         (walk(np.stack([RAMP] * 2, axis=1), failed=True), "end in failure, after 100 steps"),
         (walk(np.stack([RAMP] * 2, axis=1))._replace(held=np.array([True, False])),
          "50% of episodes begin at their goal"),
         (walk(np.stack([RAMP] * 2, axis=1))._replace(cut=np.array([True, False])),
          "50% of episodes diverge"),
-        (walk(np.stack([np.full(101, 5.0)] * 2 + [RAMP], axis=1)), "stood still in 67%"),
+        (walk(np.stack([np.full(101, 5.0)] * 2 + [RAMP], axis=1)), "did not change in 67%"),
     ],
 )  # fmt: skip
 def test_what_will_not_learn_is_said(played, said):

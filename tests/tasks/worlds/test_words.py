@@ -24,7 +24,7 @@ def test_a_word_finds_a_task_like_any_other():
     env = task.load_vector(3)
     assert env.reset(np.arange(3)).observation.shape == (3, 4)
     assert tasks.find("gym:HacToy/Point-v0").name == "Point-v0"  # registered already
-    with pytest.raises(ValueError, match="no dm_control task"):
+    with pytest.raises(ValueError, match="not a dm_control task"):
         tasks.load(POINT)
 
 
@@ -70,11 +70,11 @@ def test_options_are_kept_and_tell_tasks_apart():
     [
         ("gym:HacToy/Nowhere-v0", "gymnasium.make.*failed.*name the module"),
         ("gym:no_such_module:X-v0", "no module 'no_such_module' to import.*PYTHONPATH"),
-        ("gym:tests/toys.py:X-v0", "named without .py"),
-        ("gym:HacToy/PointForEver-v0", "no time limit of its own.*--max_steps=200"),
+        ("gym:tests/toys.py:X-v0", "of your own without .py"),
+        ("gym:HacToy/PointForEver-v0", "it has no time limit.*--max_steps=200"),
         ("gym:HacToy/Plain-v0", "--goal='obs"),
         (POINT + '?{"args":{"tarminates":true}}', "tarminates=True.*unexpected keyword"),
-        (POINT + "?{", "no JSON object"),
+        (POINT + "?{", "is not a JSON object"),
         (POINT + '?{"arg":{}}', "no option 'arg'; there are args, "),
         (POINT + '?{"max_steps":"9"}', "max_steps is '9'; it takes a count"),
         (POINT + '?{"settings":{"max_steps":3}}', "observation.offset is missing"),

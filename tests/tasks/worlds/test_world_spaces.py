@@ -83,13 +83,14 @@ def test_goals_that_are_not_known_yet_end_no_episode_of_which_spaces_are_estimat
         (toys.Plain, {"goal": "obs[0:1]"}, "needs --goal_threshold"),
         (toys.Plain, {"goal": "obs[2:5]", "goal_threshold": 1}, "there are 3"),
         (toys.Plain, {"goal": "x", "goal_threshold": 1}, r"as in obs\[0:2\]"),
-        (toys.Plain, {"goal": "obs[0:2]=1", "goal_threshold": 1}, "2 numbers are chosen, and 1"),
+        (toys.Plain, {"goal": "obs[0:2]=1", "goal_threshold": 1},
+         "2 elements are chosen, but the values are 1"),
         (toys.Point, {"goal": "obs[0:1]"}, "it has goals of its own"),
-        (toys.Point, {"goal_threshold": (0.1, 0.1, 0.1)}, "it takes one, or 2"),
+        (toys.Point, {"goal_threshold": (0.1, 0.1, 0.1)}, "give one, or 2"),
         (toys.Point, {"goal_threshold": (0.1, 0.0)}, "numbers above 0"),
         (toys.Point, {"max_steps": -3}, "max_steps is -3; it takes a count"),
-        (toys.Point, {"args": {"speed": 1}}, r"args={'speed': 1} are for an id.*partial"),
-        (toys.Point(), {}, "Point: it is one environment.*give a function"),
+        (toys.Point, {"args": {"speed": 1}}, r"args={'speed': 1} are only for an id.*partial"),
+        (toys.Point(), {}, "Point: this is one environment.*give a function"),
         (lambda: toys.OddGoals("unjudged"), {}, "no compute_reward.*--goal_threshold"),
         (toys.OldApi, {}, r"its reset\(\) failed: .*no tuple.*observation, info"),
         (toys.Point, {"train_options": {"goal": "north"}},
@@ -98,7 +99,7 @@ def test_goals_that_are_not_known_yet_end_no_episode_of_which_spaces_are_estimat
         (lambda: toys.OddGoals("dict"), {}, "achieved_goal is a dictionary of place; .*Box"),
         (lambda: toys.OddGoals("more"), {}, r"achieved_goal has the shape \(3,\).*\(2,\)"),
         (lambda: toys.Plain(size=12_000), {"goal": "obs[0]", "goal_threshold": 1},
-         "12000 numbers, as pictures are"),
+         "12000 numbers, as images do"),
         (lambda: toys.Plain("discrete"), {"goal": "obs[0]", "goal_threshold": 1},
          r"actions are Discrete\(3\).*discrete actions are not supported"),
         (lambda: toys.Plain("unbounded"), {"goal": "obs[0]", "goal_threshold": 1},
@@ -123,7 +124,7 @@ def test_training_and_tests_share_their_copies():
     training.reset(SEEDS[:4])
     training.step(actions)
     test.reset(np.arange(10))
-    with pytest.raises(RuntimeError, match=r"copies are shared.*from_gymnasium"):
+    with pytest.raises(RuntimeError, match=r"the same copies.*from_gymnasium"):
         training.step(actions)
     training.reset(SEEDS[:4])
     training.step(actions)
