@@ -49,7 +49,7 @@ def _draw(data: Path, output: Path) -> None:
             paths = write_anatomy(data / task, task, output / task)
         except FileNotFoundError:
             command = recording_command(task, data / task)
-            print(f"{task}: no episodes recorded; make them with `{command}`")
+            print(f"{task}: no episodes are recorded; record some with `{command}`")
         else:
             print(*paths, sep="\n")
 

@@ -10,7 +10,7 @@ from analysis.reading import paper
 from analysis.reading.results import load
 from analysis.statistics.seeds import SOLVED, last_rows
 
-_HELP = """Prints, per task, converged agents' steps to the goal beside the paper's.
+_HELP = """Prints the steps to the goal of converged agents next to the paper's, for each task.
 
   python -m analysis.calibration analysis/data/grid/*/
 

@@ -17,7 +17,7 @@ from analysis.verdicts.evidence import ALPHA, LEAST_SEEDS, MARGIN, Claim, Eviden
 from analysis.verdicts.learning_claims import CONSISTENT, STEPS_BAND, judge_learning
 from analysis.verdicts.subgoal_claims import NEAR, judge_subgoals
 
-_HELP = """Judges every claim of the paper's section 4 by the published results.
+_HELP = """Tests every claim of the paper's section 4 on the published results.
 
   python -m analysis.claims
 
@@ -163,7 +163,7 @@ def read_why(folder: Path) -> dict[str, str]:
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from error
     if not isinstance(why, dict) or not all(isinstance(text, str) for text in why.values()):
-        raise ValueError(f"{path}: it is to hold texts by the letter of their claim")
+        raise ValueError(f"{path}: it must map letters of claims to texts")
     return why
 
 

@@ -8,7 +8,7 @@ from analysis import program
 from analysis.figures.success import write_figure
 from analysis.reading import names
 
-_HELP = """Draws a run folder's success figure again: figure.png and figure.csv.
+_HELP = """Redraws a run folder's success figure: figure.png and figure.csv.
 
   python -m analysis.figure runs/pick_place
 

@@ -95,10 +95,10 @@ def answer(
         _complain(error)
         return 2
     except OSError as error:
-        _complain(f"{error}; what is finished is kept")
+        _complain(f"{error}; finished results are kept")
         return 1
     except KeyboardInterrupt:
-        _complain("interrupted; what is finished is kept")
+        _complain("interrupted; finished results are kept")
         return _INTERRUPTED
 
 
@@ -213,7 +213,7 @@ def over_the_grid(
     """
     values = flags.FlagValues()
     flags.DEFINE_string("data", os.path.relpath(data), "holds the results", values)
-    flags.DEFINE_string("output", None, "a folder for the files; if not given, --data", values)
+    flags.DEFINE_string("output", None, "folder for the files; default: --data", values)
     program = Program(help_text, values, wrong=UNREADABLE)
 
     def read_and_write(_: list[str]) -> object:

@@ -10,7 +10,7 @@ from analysis.reading.paper import STEPS_TO_GOAL, in_order
 from analysis.reading.results import load
 from analysis.statistics.seeds import SOLVED, core_minutes, final_success
 
-_HELP = """Prints a table in Markdown of where every agent stands at the end.
+_HELP = """Prints a Markdown table of every agent's final results.
 
   python -m analysis.table analysis/data/grid/*/
 

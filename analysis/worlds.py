@@ -15,13 +15,13 @@ from analysis.statistics.seeds import success_per_period
 from analysis.table import as_markdown
 from analysis.verdicts import hierarchy
 
-_HELP = """Shows what became of worlds that others made, and whether hierarchy helped on each.
+_HELP = """Shows results on third-party environments, and whether hierarchy helped on each.
 
   python -m analysis.worlds
 
-prints a table of all agents at the end and the verdicts, and writes them to worlds.md; draws
-worlds.png, success against test periods. TD3 agents without subgoal layers are read from the folder
-worlds_td3 beside --data, where there are any.
+prints a table of all agents' final results and the verdicts, and writes them to worlds.md. It draws
+worlds.png, success against test periods. The folder worlds_td3 beside --data, if it exists, holds
+TD3 agents without subgoal layers.
 
 Flags:
 {flags}
@@ -32,7 +32,7 @@ FOLDER = grid.FOLDER.parent / "worlds"
 _TD3 = "TD3+HER"
 _FITTED = "_fit"  # what launch/fit.py puts behind a task's name
 _COLUMNS = 3
-_NO_WORLDS = "{folder}: holds no run folders: launch/publish.py puts some there"
+_NO_WORLDS = "{folder}: holds no run folders; `python launch/publish.py` publishes some there"
 
 Worlds = Mapping[str, pd.DataFrame]
 

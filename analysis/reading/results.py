@@ -33,7 +33,7 @@ _REPEATED_COLUMNS = "{path}: names the column(s) {names} twice"
 _WRONG_LENGTH = "{path}, line {line}: {got} values where the header names {expected} columns"
 _BAD_VALUE = "{path}, line {line}: {column} is {value!r}, not {expected}"
 _DUPLICATES = "results hold more than one row for {rows}; was a run folder given twice?"
-_CUT_SHORT = "{path}: the last line has no line end, so it was cut short in writing; dropped"
+_CUT_SHORT = "{path}: the last line has no line end, so it is incomplete; it is ignored"
 
 
 class NoResults(ValueError):
@@ -249,7 +249,7 @@ def read_manifest(folder: Path) -> tuple[dict[str, Any], str]:
     try:
         manifest = json.loads(files.read_text(folder / names.MANIFEST))
     except FileNotFoundError:
-        return {}, "No manifest.json here: the command is what the results ask for."
+        return {}, "No manifest.json here: the command is inferred from the results."
     except (OSError, RecursionError, ValueError) as error:
         return {}, f"manifest.json cannot be read: {error}"
     if not isinstance(manifest, dict):

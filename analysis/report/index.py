@@ -20,11 +20,11 @@ from analysis.statistics.seeds import last_rows
 
 INDEX = "index.html"
 
-_HELP = """Writes index.html: a page over all run folders of a folder.
+_HELP = """Writes index.html, an overview of all run folders in a folder.
 
   python -m analysis.report.index runs
 
-`launch/run.py` writes it too, again and again while it trains.
+`launch/run.py` also writes it, repeatedly while it trains.
 
 Flags:
 {flags}
@@ -62,7 +62,7 @@ def write_index(
         "index.html",
         title=title or f"Runs in {folder.resolve().name}",
         links=links,
-        headline=f"{count}, {len(at_work)} at work." if at_work else f"{count}.",
+        headline=f"{count}, {len(at_work)} running." if at_work else f"{count}.",
         running=[run["progress"] for run in runs if run["progress"]],
         runs=runs,
     )

@@ -27,8 +27,8 @@ SOLVED = 0.9
 WHOSE = ["task", "agent", "settings"]
 _WORDS = ("task", "agent", "settings")
 COMMAND = "python -m tests.bench.peers"
-_NOTHING = "{folder}: holds no curves of strangers; `{command}` trains some"
-_BAD_CURVE = "{path}: not a stranger's curve ({error}); delete it, and `{command}` trains it anew"
+_NOTHING = "{folder}: holds no curves of peers; train some with `{command}`"
+_BAD_CURVE = "{path}: not a peer's curve ({error}); delete it, and train it again with `{command}`"
 
 
 class Budget(NamedTuple):

@@ -84,11 +84,11 @@ class Verdict:
 
     def _what_it_takes(self) -> str:
         if self.seeds_needed is None:
-            return f"With {self.least_seeds} seeds or more of each agent it can be judged."
+            return f"At least {self.least_seeds} seeds of each agent are needed to decide it."
         seen = evidence.direction(self.deciding).removeprefix("a ")
         return (
-            f"If the {seen} at {EQUAL[areas.STEPS]} is what was seen, about {self.seeds_needed} "
-            "seeds of each would tell."
+            f"If the true {seen} at {EQUAL[areas.STEPS]} is the one measured, about "
+            f"{self.seeds_needed} seeds of each agent would decide it."
         )
 
 
@@ -155,7 +155,8 @@ def _measure(task: str, results: pd.DataFrame, deep: int, rival: Rival) -> list[
         new, old = pairs(results, deep, against)
         if not len(new):
             raise ValueError(
-                f"no seed of {deep} and of 0 subgoal layers was trained: they are compared by seed"
+                f"no seed was trained with both {deep} and 0 subgoal layers, and agents are "
+                "compared by seed"
             )
         found.append(_difference(task, agents, _AREA.format(equal=equal), new - old))
         if against == areas.STEPS:
