@@ -21,7 +21,7 @@ from rich.table import Table  # noqa: E402
 
 from analysis.reading.files import write_text  # noqa: E402
 from launch.folder import manifest  # noqa: E402
-from tests.bench import growth, limits, panel, same_work, stepping  # noqa: E402
+from tests.bench import growth, learning, limits, panel, same_work, stepping  # noqa: E402
 from tests.bench.peers import curves  # noqa: E402
 from tests.bench.repeats import REPEATS  # noqa: E402
 
@@ -36,6 +36,7 @@ PARTS: dict[str, Part] = {
     "panel": panel.panel,
     "growth": growth.growth,
     "peers": curves.peers,
+    "learning": learning.learning,
 }
 
 
@@ -97,6 +98,8 @@ def show(report: dict[str, Any], console: Console) -> None:
         console.print(_by_task(report["panel_shares"], "panel's time", ".1%"))
     if "growth" in report:
         console.print(_growth(report["growth"]))
+    if "minutes_to_90" in report:
+        console.print(_waits(report["minutes_to_90"], report["minutes_to_90_ratio"]))
 
 
 def _by_task(rows: dict[str, dict[str, float]], heading: str, style: str) -> Table:
@@ -112,6 +115,16 @@ def _growth(growth: dict[str, Any]) -> Table:
         for value, seconds in growth[axis]["seconds"].items():
             table.add_row(axis, f"{int(value):,}", f"{1e3 * seconds:.1f}")
     table.add_row("memory", "", f"{growth['memory']['mib_per_seed']:g} MiB a seed")
+    return table
+
+
+def _waits(minutes: dict[str, dict[str, float | None]], ratios: dict[str, float]) -> Table:
+    table = _table("core-minutes of a seed to 90%", "")
+    for task, agents in minutes.items():
+        for agent, value in agents.items():
+            table.add_row(f"{task}: {agent}", "-" if value is None else f"{value:g}")
+        if task in ratios:
+            table.add_row(f"{task}: fastest stranger / fastest of ours", f"{ratios[task]:g}")
     return table
 
 

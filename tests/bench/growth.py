@@ -23,8 +23,8 @@ class Case:
 
     def __init__(self, seeds: int, levels: int, rows: int):
         config = dataclasses.replace(
-            hac_suite.PRESETS["paper"],
-            replay_capacity=max(rows, hac_suite.PRESETS["paper"].replay_capacity),
+            hac_suite.PRESETS["suite"],
+            replay_capacity=max(rows, hac_suite.PRESETS["suite"].replay_capacity),
         )
         self._training = Training(TASK, config, range(seeds), levels - 1, unreachable=True)
         self._training.fill([rows] * levels)
@@ -39,7 +39,7 @@ class Memory:
     """A flat training whose replay buffers are as full as at its end."""
 
     def __init__(self, seeds: int):
-        self._training = Training(TASK, hac_suite.PRESETS["paper"], range(seeds), 0)
+        self._training = Training(TASK, hac_suite.PRESETS["suite"], range(seeds), 0)
 
     def __call__(self) -> float:
         """GiB at most, as of now."""

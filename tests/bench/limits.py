@@ -34,7 +34,7 @@ class Updates:
     """Whole rounds of updates of a flat population: drawing, gathering, learning, averaging."""
 
     def __init__(self, batch: int):
-        config = dataclasses.replace(hac_suite.PRESETS["paper"], batch_size=batch)
+        config = dataclasses.replace(hac_suite.PRESETS["suite"], batch_size=batch)
         self._training = Training(TASK, config, range(SEEDS), 0)
         self._training.fill([_ROWS])
         self._flops = update_flops(self._training.learners[0], batch)

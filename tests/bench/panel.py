@@ -83,7 +83,7 @@ class JobSample:
 
     def __init__(self, job: Job):
         self._training = Training(
-            job.agent.task, hac_suite.PRESETS["paper"], job.seeds, job.agent.subgoal_layers
+            job.agent.task, hac_suite.PRESETS["suite"], job.seeds, job.agent.subgoal_layers
         )
 
     def __call__(self, rounds: int) -> Sample:
@@ -165,8 +165,8 @@ def _memory(jobs: Sequence[Measured], parent: float) -> dict[str, Any]:
 
 
 def _episodes() -> int:
-    return PERIODS * hac_suite.PRESETS["paper"].episodes_per_period
+    return PERIODS * hac_suite.PRESETS["suite"].episodes_per_period
 
 
 def _rounds() -> int:
-    return _episodes() // hac_suite.PRESETS["paper"].episodes_per_round
+    return _episodes() // hac_suite.PRESETS["suite"].episodes_per_round

@@ -47,7 +47,7 @@ def sb3(say: Say) -> dict[str, Any]:
     for batch, updates in ((256, 20), (1024, 40)):
         say(f"stable-baselines3, batch {batch}, {updates} updates an episode")
         config = dataclasses.replace(
-            hac_suite.PRESETS["paper"], batch_size=batch, updates_per_episode=updates
+            hac_suite.PRESETS["suite"], batch_size=batch, updates_per_episode=updates
         )
         ours, peer = compare(TASK, config, 0, Sb3Agents, ())
         report |= entries(f"sb3_same_work_b{batch}", ours, peer)
