@@ -1,4 +1,4 @@
-"""What each choice of HAC is worth: agents with one choice changed, beside those of the paper."""
+"""Ablations: agents with one choice of HAC changed, compared with those of the paper."""
 
 import sys
 from collections.abc import Sequence
@@ -92,7 +92,7 @@ def compare(results: pd.DataFrame) -> pd.DataFrame:
 
 
 def _common_budget(results: pd.DataFrame) -> int:
-    """Training episodes that the longest-trained seed of every variant has behind it."""
+    """Training episodes that at least one seed of every variant has reached."""
     return results.groupby("variant")["train_episodes"].max().min()
 
 

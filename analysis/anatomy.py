@@ -43,7 +43,7 @@ def main(argv: Sequence[str]) -> int:
 
 
 def _draw(data: Path, output: Path) -> None:
-    """Draws what was recorded, and says what was not."""
+    """Draws the recorded tasks, and names those without records."""
     for task in paper.TITLES:
         try:
             paths = write_anatomy(data / task, task, output / task)

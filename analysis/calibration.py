@@ -1,4 +1,4 @@
-"""Are tasks as long as the paper's? Converged agents' steps to goal against its counts."""
+"""Compares converged agents' steps to the goal with the paper's counts."""
 
 import sys
 from collections.abc import Sequence

@@ -1,4 +1,4 @@
-"""Every claim of the paper's section 4 against the published results: supported, or not."""
+"""Tests every claim of the paper's section 4 on the published results."""
 
 import dataclasses
 import json
@@ -94,7 +94,7 @@ def _row(claim: Claim, item: Evidence) -> dict[str, Any]:
 
 
 def as_markdown(claims: Sequence[Claim], why: Mapping[str, str]) -> str:
-    """The claims, each with its verdict, its reason and ours; all evidence; how it was judged."""
+    """The claims with verdicts, reasons and our explanations; all evidence; the method."""
     lines = ["# The paper's claims, and what our runs say", ""]
     lines += _markdown_table(HEADINGS, map(_summary, claims))
     for claim in claims:

@@ -1,4 +1,4 @@
-"""Where a second subgoal layer starts to pay: the same motion, taken in more and more decisions."""
+"""The depth study: does a second subgoal layer pay when a motion takes more decisions?"""
 
 import os
 import sys
@@ -46,7 +46,7 @@ def curves_of(results: pd.DataFrame, budget: dict[str, int]) -> pd.DataFrame:
 
 
 def commands() -> list[str]:
-    """What trains the study's runs, a line for each task, and what compares them then."""
+    """The commands that train the study's runs, one per task, and the one that compares them."""
     trainings = [
         f"python launch/run.py --task=tasks/families/depth.py:{motion}_{decisions} --seeds={SEEDS} "
         f"--periods={PERIODS} --out={RUNS} --novideo"

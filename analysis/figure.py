@@ -1,4 +1,4 @@
-"""Draws a run folder's success figure again: `python -m analysis.figure RUN_FOLDER`."""
+"""Redraws a run folder's success figure: `python -m analysis.figure RUN_FOLDER`."""
 
 import sys
 from collections.abc import Sequence

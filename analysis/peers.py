@@ -1,4 +1,4 @@
-"""Strangers on our tasks beside our agents, at equal environment steps and core-minutes."""
+"""Compares peers with our agents on our tasks, at equal environment steps and core-minutes."""
 
 import os
 import sys

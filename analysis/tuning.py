@@ -1,4 +1,4 @@
-"""What tuning found: the best of each study beside what it began with, and what mattered."""
+"""Compares the best trial of each study with its first ones, and shows what mattered."""
 
 import sys
 from collections.abc import Sequence

@@ -1,4 +1,4 @@
-"""Does hierarchy help on a task? A verdict with an interval, from one run folder or two."""
+"""Does hierarchy help on a task? A verdict with an interval, from one or more run folders."""
 
 import sys
 from collections.abc import Sequence

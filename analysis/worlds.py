@@ -1,4 +1,4 @@
-"""What became of worlds that nobody here made, and whether hierarchy helped on each."""
+"""Results on third-party environments, and whether hierarchy helped on each."""
 
 import sys
 from collections.abc import Mapping, Sequence
@@ -53,7 +53,7 @@ def load_worlds(folder: Path) -> dict[str, pd.DataFrame]:
 
 
 def load_td3(folder: Path) -> Worlds:
-    """The same of TD3 agents without subgoal layers, from the folder beside; {} without one."""
+    """The same for TD3 agents without subgoal layers; {} without a folder for them."""
     beside = folder.parent / f"{folder.name}_td3"
     return load_worlds(beside) if beside.is_dir() else {}
 

@@ -1,4 +1,4 @@
-"""Results of the depth study: the same motion, taken in more and more decisions."""
+"""Results of the depth study: the same motion, split into more decisions."""
 
 import re
 from pathlib import Path

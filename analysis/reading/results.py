@@ -37,7 +37,7 @@ _CUT_SHORT = "{path}: the last line has no line end, so it is incomplete; it is 
 
 
 class NoResults(ValueError):
-    """A results.csv without a complete row: its first test period is still to come."""
+    """A results.csv without a complete row, as before the first test period."""
 
 
 def load(paths: str | Path | Sequence[str | Path]) -> pd.DataFrame:
@@ -49,8 +49,8 @@ def load(paths: str | Path | Sequence[str | Path]) -> pd.DataFrame:
     Raises:
       FileNotFoundError: no results.csv at a path.
       NoResults: a file has no complete row.
-      ValueError: a file lacks columns or holds a value that cannot be, or two rows are of the same
-        task, agent, seed and period. A cut last line only warns.
+      ValueError: a file lacks columns or holds an impossible value, or two rows have the same task,
+        agent, seed and period. An incomplete last line only warns.
     """
     if isinstance(paths, str | Path):
         paths = [paths]

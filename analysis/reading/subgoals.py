@@ -1,4 +1,4 @@
-"""Reads what is recorded of policies' subgoals, starts and values, and names what records it."""
+"""Reads records of policies' subgoals, starts and values, and names the command that makes them."""
 
 import json
 from collections.abc import Mapping

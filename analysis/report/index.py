@@ -1,4 +1,4 @@
-"""One page over all run folders of a folder: what there is, how it stands, what is at work.
+"""One page about all run folders in a folder: results, progress, and what is running.
 
 Run as `python -m analysis.report.index runs`.
 """
@@ -44,7 +44,7 @@ def write_index(
     A run folder whose results are damaged or not there yet is listed with the reason.
 
     Args:
-      at_work: names of the run folders in which training goes on; the page loads itself again.
+      at_work: names of the run folders in which training is running; the page then reloads itself.
       title: the page's, if not the folder's name.
       links: other pages to lead to, relative to this one, by what they are called.
 

@@ -1,4 +1,4 @@
-"""The page of one run folder: what was learnt, whether hierarchy helped, and how to do it again.
+"""The report of one run folder: results, whether hierarchy helped, and how to reproduce them.
 
 Run as `python -m analysis.report runs/pick_place`.
 """
@@ -62,7 +62,7 @@ def write_report(run_dir: Path) -> Path:
     """Writes report.html into a run folder and returns its path.
 
     Figures are inside the page; videos, replays, policies and tables are linked by relative paths,
-    so the folder can be moved whole. What the folder lacks is said in its place.
+    so the folder can be moved whole. Missing parts are named in the report.
 
     Raises:
       FileNotFoundError, ValueError: as `load`; also when the folder mixes tasks.

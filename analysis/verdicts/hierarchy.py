@@ -33,11 +33,11 @@ _IMPROVEMENT = "probability of improvement in area at {equal}"
 
 @dataclass(frozen=True)
 class Verdict:
-    """What a task's results say of one hierarchy.
+    """The verdict of a task's results on one hierarchy.
 
     Attributes:
       subgoal_layers: of the agent that is judged.
-      rival: what the flat agent is called that it was compared with.
+      rival: the name of the flat agent that it was compared with.
       deciding: the difference in area at equal environment steps, judged.
       minutes: that at equal core-minutes, judged.
       evidence: all that was measured, the deciding difference first.
@@ -93,7 +93,7 @@ class Verdict:
 
 
 def _says(item: Evidence) -> str:
-    """What a judged difference comes to."""
+    """The verdict on a judged difference in words."""
     if item.verdict == NOT_SUPPORTED and item.high < 0 and item.p_holm < evidence.ALPHA:
         return HURTS
     return {SUPPORTED: HELPS, NOT_SUPPORTED: SMALL}.get(item.verdict, UNDECIDED)

@@ -1,4 +1,4 @@
-"""Strangers beside ours: what a budget bought by hand-computed values, a real curve, and errors."""
+"""Peers beside our agents: hand-computed values at a budget, a real curve, and errors."""
 
 import shutil
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Trains strangers on our tasks: `python -m tests.bench.peers --task=ur5_reacher --seeds=100-102`.
+"""Trains peers on our tasks: `python -m tests.bench.peers --task=ur5_reacher --seeds=100-102`.
 
 One CSV file for each curve. A curve that is finished is not trained again, so the same command can
 be given after an interruption, or with more of everything. `python -m analysis.peers` compares.
