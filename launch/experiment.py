@@ -240,6 +240,7 @@ def _doubts(launch: Launch, jobs: Sequence[Job]) -> list[str]:
         kept=sum(folder.checkpoint_bytes() for folder in launch.folders.values()),
         keep_final=launch.request.keep_final,
         here=launch.cluster is None,
+        copies_bytes=_copies_bytes(launch.request),
     )
 
 
@@ -249,7 +250,10 @@ def need(request: Request) -> needs.Need:
     workers = request.workers or manifest.cores()
     groups = {planning.Group(agent): request.seeds for agent in agents}
     jobs = planning.plan(groups, workers, _episodes(request))
-    return needs.of_jobs(jobs, workers, _seed_bytes(request), keep_final=request.keep_final)
+    return needs.of_jobs(
+        jobs, workers, _seed_bytes(request),
+        keep_final=request.keep_final, copies_bytes=_copies_bytes(request),
+    )  # fmt: skip
 
 
 def _seed_bytes(request: Request) -> Callable[[Job], int]:
@@ -263,6 +267,15 @@ def _seed_bytes(request: Request) -> Callable[[Job], int]:
         )
 
     return seed_bytes
+
+
+def _copies_bytes(request: Request) -> Callable[[Job], int]:
+    """What says of a job how much memory the environments of each seed take.
+
+    Rounds of training and tests take turns in the same environments.
+    """
+    most = max(request.config.episodes_per_round, request.config.test_episodes)
+    return lambda job: most * tasks.find(job.agent.task).copy_bytes
 
 
 def _prepare(launch: Launch, recorder: Recorder, standing: Iterable[Seeds]) -> None:

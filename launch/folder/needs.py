@@ -18,7 +18,7 @@ _TABLES = 9  # of a level's size: two networks, their targets and moments, the t
 _NUMBER = 4  # bytes
 _NO_MEMORY = (
     "{who}: one seed needs {need} of memory, and this machine has {total}; make "
-    "--config.replay_capacity or --config.hidden_sizes smaller"
+    "--config.replay_capacity, --config.hidden_sizes or --config.test_episodes smaller"
 )
 _NO_DISK = (
     "{who}: the checkpoints of one seed need {need} of disk, and {out} has {free} free; free some "
@@ -67,16 +67,30 @@ def of_seed(
     return size
 
 
+def _nothing(_: Job) -> int:
+    return 0
+
+
 def of_jobs(
-    jobs: Sequence[Job], workers: int, seed_bytes: Callable[[Job], int], *, keep_final: bool
+    jobs: Sequence[Job],
+    workers: int,
+    seed_bytes: Callable[[Job], int],
+    *,
+    keep_final: bool,
+    copies_bytes: Callable[[Job], int] = _nothing,
 ) -> Need:
     """What jobs need that so many workers take at a time.
 
     While one is written there are three checkpoints of a seed in training.
+
+    Args:
+      seed_bytes: of a seed's state, in memory and in a checkpoint.
+      copies_bytes: of the environments that a seed trains and is tested in, in memory.
     """
     sizes = {job: (len(job.seeds), seed_bytes(job)) for job in jobs}
     # Of a seed that is saved there is a copy in memory.
-    memory = _most(workers, (PROCESS + (seeds + 1) * size for seeds, size in sizes.values()))
+    states = {job: PROCESS + (seeds + 1) * size for job, (seeds, size) in sizes.items()}
+    memory = _most(workers, (states[job] + len(job.seeds) * copies_bytes(job) for job in jobs))
     training = _most(workers, (seeds * size for seeds, size in sizes.values()))
     kept = sum(seeds * size for seeds, size in sizes.values()) if keep_final else training
     return Need(memory, kept + 2 * training)
@@ -91,10 +105,12 @@ def doubts(
     kept: int,
     keep_final: bool,
     here: bool,
+    copies_bytes: Callable[[Job], int] = _nothing,
 ) -> list[str]:
     """What a person should know before jobs begin: that they may need more than there is.
 
     Args:
+      seed_bytes, copies_bytes: as in `of_jobs`.
       kept: bytes of checkpoints that are there already, and are replaced.
       here: whether they are trained on this machine.
 
@@ -103,14 +119,13 @@ def doubts(
     """
     if not jobs:
         return []
-    need, largest = (
-        of_jobs(jobs, workers, seed_bytes, keep_final=keep_final),
-        max(jobs, key=seed_bytes),
-    )
+    need = of_jobs(jobs, workers, seed_bytes, keep_final=keep_final, copies_bytes=copies_bytes)
+    largest = max(jobs, key=seed_bytes)
+    least = PROCESS + 2 * seed_bytes(largest) + copies_bytes(largest)
     one, (total, free), disk = seed_bytes(largest), memory(), free_disk(out) + kept
-    if here and PROCESS + 2 * one > total:
+    if here and least > total:
         raise CommandError(
-            _NO_MEMORY.format(who=largest.agent, need=told(PROCESS + 2 * one), total=told(total))
+            _NO_MEMORY.format(who=largest.agent, need=told(least), total=told(total))
         )
     if 2 * one > disk:
         raise CommandError(

@@ -391,6 +391,12 @@ class Pool:
     def options(self) -> Options:
         return self._options
 
+    @property
+    def copy_bytes(self) -> int:
+        """What MuJoCo's model and data of a copy take; 0 where it is simulated otherwise."""
+        simulation = self._copies[0].simulation
+        return 0 if simulation is None else sum(part.nbuffer for part in simulation)
+
     def copies(self, count: int) -> list[EnvCopy]:
         """The first `count` copies."""
         while len(self._copies) < count:

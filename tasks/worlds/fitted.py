@@ -85,6 +85,7 @@ class FittedEntry(registry.Entry):
       origin: what a run folder's manifest compares, so that results of different environments do
         not mix.
       composer: the dm_control task of other spaces, if it is one.
+      own_bytes: memory that each environment takes, if it is known.
     """
 
     make: Callable[[int, int], Any]
@@ -92,6 +93,11 @@ class FittedEntry(registry.Entry):
     origin: Any
     notes: tuple[str, ...] = ()
     composer: registry.Entry | None = None
+    own_bytes: int = 0
+
+    @property
+    def copy_bytes(self) -> int:
+        return self.own_bytes
 
     def load(self, seed: int | None = None, *, test: bool = False) -> Any:
         """The task as a Composer environment, for a dm_control task.
@@ -166,6 +172,7 @@ def of_world(
     return FittedEntry(
         name or world.word, word or world.word, spec, _no_factory,
         make=world.adapter, settings=settings, origin=origin, notes=tuple(world.pool.notes),
+        own_bytes=world.pool.copy_bytes,
     )  # fmt: skip
 
 

@@ -51,6 +51,7 @@ def tiny_task(monkeypatch: pytest.MonkeyPatch) -> None:
     found.load_vector = functools.partial(PointEnv, max_steps=MAX_STEPS)
     found.spec = found.load_vector(1)
     found.spec.horizons = {}
+    found.copy_bytes = 0
     monkeypatch.setattr(tasks, "find", lambda word: found if word == TASK else find(word))
     monkeypatch.setattr(tasks, "spec", lambda word: tasks.find(word).spec)
     in_one_process(monkeypatch)

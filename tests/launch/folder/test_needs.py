@@ -61,6 +61,10 @@ def test_only_what_trains_at_a_time_takes_memory():
     assert need == (2 * needs.PROCESS + 40 + 30, 6 * 10 + 2 * 50)
     assert needs.of_jobs(jobs, 2, lambda _: 10, keep_final=False).disk == 3 * 50
     assert needs.of_jobs(jobs, 9, lambda _: 10, keep_final=True).memory == 3 * needs.PROCESS + 90
+    wide = needs.of_jobs(
+        jobs, 2, lambda _: 10, keep_final=True, copies_bytes=lambda job: 100 * (job.seeds != (0,))
+    )
+    assert wide == (2 * needs.PROCESS + 40 + 30 + 500, need.disk)
 
 
 def has(monkeypatch, *, memory=(64 * GIGABYTE, 64 * GIGABYTE), disk=64 * GIGABYTE) -> None:

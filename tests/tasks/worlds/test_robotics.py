@@ -1,5 +1,8 @@
 """gymnasium-robotics, if it is installed: worlds that nobody here made."""
 
+import resource
+from pathlib import Path
+
 import gymnasium
 import mujoco
 import numpy as np
@@ -57,6 +60,19 @@ def test_an_environment_that_was_registered_by_somebody_else_is_mended(make, mon
     monkeypatch.setattr(mujoco_utils, "mujoco", mujoco)  # as it is before any world was made
     env = tasks.from_gymnasium(make, 1, max_steps=50)
     assert not env.reset(np.array([0])).diverged.any()
+
+
+def test_copies_of_a_maze_take_as_much_memory_as_is_said():
+    task = tasks.find("gym:PointMaze_UMaze-v3")
+    task.load_vector(3)  # those that compile
+    before = _resident()
+    task.load_vector(23)
+    assert 0.8 < (_resident() - before) / (20 * task.copy_bytes) < 1.3
+
+
+def _resident() -> int:
+    pages = int(Path("/proc/self/statm").read_text().split()[1])
+    return pages * resource.getpagesize()
 
 
 def test_a_maze_is_seen_in_3d_and_its_goal_moved():
