@@ -13,7 +13,7 @@ STAMP := .venv/.stamp
 
 help:
 	@echo "make run [TASK=pick_place] [SEEDS=10] [ARGS=...]   train, then draw curves and videos (TASK=all: all five)"
-	@echo "make demo      a minute or two of training, with its curve and a video"
+	@echo "make demo      train for a minute or two, then draw a curve and a video"
 	@echo "make test      the quick tests;  make test-all: the slow ones as well"
 	@echo "make lint      ruff and mypy;    make bench: speed against peers and limits (15 minutes)"
 	@echo "make doctor    check what this machine can do, and how to fix what fails"

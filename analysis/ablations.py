@@ -1,4 +1,4 @@
-"""What each choice of HAC is worth: agents with one choice changed, beside those of the paper."""
+"""Ablations: agents with one choice of HAC changed, compared with those of the paper."""
 
 import sys
 from collections.abc import Sequence
@@ -17,12 +17,12 @@ from analysis.reading.files import write_atomically
 from analysis.reading.results import NoResults, load
 from analysis.statistics.seeds import bootstrap, episodes_to, mean_interval
 
-_HELP = """Compares agents with one choice changed with those of the paper's text.
+_HELP = """Compares ablations: agents with one choice changed against those of the paper's text.
 
   python -m analysis.ablations --data=runs/ablations
 
-writes ablations.png and ablations.csv, and prints the table. `python launch/ablate.py` trains what
-is compared: --data holds VARIANT/TASK/results.csv.
+writes ablations.png and ablations.csv, and prints the table. `python launch/ablate.py` trains the
+variants: --data holds VARIANT/TASK/results.csv.
 
 Flags:
 {flags}
@@ -41,7 +41,7 @@ LABELS = {
     "no_hindsight_goals": "no hindsight goals",
     "penalise_cut_short": "penalty for attempts cut short",
 }
-_NOTHING = "{folder}: holds results of no variant; `python launch/ablate.py` makes some"
+_NOTHING = "{folder}: holds no results of variants; run `python launch/ablate.py` first"
 _COLOUR, _GREY = "#1558c0", "#777777"
 
 
@@ -92,7 +92,7 @@ def compare(results: pd.DataFrame) -> pd.DataFrame:
 
 
 def _common_budget(results: pd.DataFrame) -> int:
-    """Training episodes that the longest-trained seed of every variant has behind it."""
+    """Training episodes that at least one seed of every variant has reached."""
     return results.groupby("variant")["train_episodes"].max().min()
 
 

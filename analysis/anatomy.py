@@ -43,13 +43,13 @@ def main(argv: Sequence[str]) -> int:
 
 
 def _draw(data: Path, output: Path) -> None:
-    """Draws what was recorded, and says what was not."""
+    """Draws the recorded tasks, and names those without records."""
     for task in paper.TITLES:
         try:
             paths = write_anatomy(data / task, task, output / task)
         except FileNotFoundError:
             command = recording_command(task, data / task)
-            print(f"{task}: no episodes recorded; make them with `{command}`")
+            print(f"{task}: no episodes are recorded; record some with `{command}`")
         else:
             print(*paths, sep="\n")
 

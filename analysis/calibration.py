@@ -1,4 +1,4 @@
-"""Are tasks as long as the paper's? Converged agents' steps to goal against its counts."""
+"""Compares converged agents' steps to the goal with the paper's counts."""
 
 import sys
 from collections.abc import Sequence
@@ -10,7 +10,7 @@ from analysis.reading import paper
 from analysis.reading.results import load
 from analysis.statistics.seeds import SOLVED, last_rows
 
-_HELP = """Prints, per task, converged agents' steps to the goal beside the paper's.
+_HELP = """Prints the steps to the goal of converged agents next to the paper's, for each task.
 
   python -m analysis.calibration analysis/data/grid/*/
 

@@ -1,4 +1,4 @@
-"""Every claim of the paper's section 4 against the published results: supported, or not."""
+"""Tests every claim of the paper's section 4 on the published results."""
 
 import dataclasses
 import json
@@ -17,7 +17,7 @@ from analysis.verdicts.evidence import ALPHA, LEAST_SEEDS, MARGIN, Claim, Eviden
 from analysis.verdicts.learning_claims import CONSISTENT, STEPS_BAND, judge_learning
 from analysis.verdicts.subgoal_claims import NEAR, judge_subgoals
 
-_HELP = """Judges every claim of the paper's section 4 by the published results.
+_HELP = """Tests every claim of the paper's section 4 on the published results.
 
   python -m analysis.claims
 
@@ -94,7 +94,7 @@ def _row(claim: Claim, item: Evidence) -> dict[str, Any]:
 
 
 def as_markdown(claims: Sequence[Claim], why: Mapping[str, str]) -> str:
-    """The claims, each with its verdict, its reason and ours; all evidence; how it was judged."""
+    """The claims with verdicts, reasons and our explanations; all evidence; the method."""
     lines = ["# The paper's claims, and what our runs say", ""]
     lines += _markdown_table(HEADINGS, map(_summary, claims))
     for claim in claims:
@@ -163,7 +163,7 @@ def read_why(folder: Path) -> dict[str, str]:
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from error
     if not isinstance(why, dict) or not all(isinstance(text, str) for text in why.values()):
-        raise ValueError(f"{path}: it is to hold texts by the letter of their claim")
+        raise ValueError(f"{path}: it must map letters of claims to texts")
     return why
 
 

@@ -1,4 +1,4 @@
-"""Where a second subgoal layer starts to pay: the same motion, taken in more and more decisions."""
+"""The depth study: does a second subgoal layer pay when a motion takes more decisions?"""
 
 import os
 import sys
@@ -17,7 +17,7 @@ from analysis.reading.files import write_atomically
 from analysis.statistics.seeds import success_per_period
 from analysis.verdicts.depth import as_table, budgets, compare, sentences, trend
 
-_HELP = """Compares 0, 1 and 2 subgoal layers where the same motion takes more and more decisions.
+_HELP = """Compares 0, 1 and 2 subgoal layers when the same motion is split into more decisions.
 
   python -m analysis.depth --data=runs/depth
 
@@ -32,8 +32,8 @@ FOLDER = Path(__file__).parent / "data" / "depth"
 NAME = "depth"
 SEEDS, PERIODS, RUNS = "10-19", 10, "runs/depth"
 _NO_PAIRS = (
-    "{folder}: no seed of two agents was trained for the same number of episodes yet; "
-    "--episodes=N compares over the first N episodes"
+    "{folder}: no two agents have a seed with the same number of episodes yet; --episodes=N "
+    "compares over the first N episodes"
 )
 
 
@@ -46,7 +46,7 @@ def curves_of(results: pd.DataFrame, budget: dict[str, int]) -> pd.DataFrame:
 
 
 def commands() -> list[str]:
-    """What trains the study's runs, a line for each task, and what compares them then."""
+    """The commands that train the study's runs, one per task, and the one that compares them."""
     trainings = [
         f"python launch/run.py --task=tasks/families/depth.py:{motion}_{decisions} --seeds={SEEDS} "
         f"--periods={PERIODS} --out={RUNS} --novideo"
@@ -86,11 +86,11 @@ def main(argv: Sequence[str]) -> int:
     """Carries out a command; returns the exit status that --help states."""
     values = flags.FlagValues()
     flags.DEFINE_string("data", os.path.relpath(FOLDER), "holds the results", values)
-    flags.DEFINE_string("output", None, "a folder for the files; if not given, --data", values)
+    flags.DEFINE_string("output", None, "folder for the files; default: --data", values)
     program.define_count(
-        values, "episodes", None, "compare over the first so many; if not given, over all", least=1
+        values, "episodes", None, "compare over this many first episodes; default: all", least=1
     )
-    flags.DEFINE_boolean("commands", False, "only print what trains the runs", values)
+    flags.DEFINE_boolean("commands", False, "only print the commands that train the runs", values)
     this = program.Program(_HELP, values, wrong=program.UNREADABLE)
     return program.carry_out(this, argv, lambda _: _answer_command(values))
 

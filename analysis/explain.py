@@ -11,13 +11,13 @@ from analysis.reading.files import write_atomically
 from analysis.reading.results import load
 from analysis.report.explanations import explanations, recording_command
 
-_HELP = """Draws what explains the agents of a run folder, from the records in it.
+_HELP = """Draws pictures that explain the agents of a run folder, from the records in it.
 
   python launch/record_episodes.py --task=ur5_reacher
   python -m analysis.explain runs/ur5_reacher
 
-The first command makes the records; the report has the same pictures. They are starts.png, which
-tests fail; failures_<k>layers.png, a gallery of them; subgoal_maps.png, where levels put their
+The first command makes the records; the report has the same pictures. starts.png shows which tests
+fail; failures_<k>layers.png, some failed episodes; subgoal_maps.png, where levels put their
 subgoals; values.png, Q over the goals of each level.
 
 Flags:
@@ -39,7 +39,7 @@ def write_explanations(folder: Path) -> list[Path]:
         write_atomically(paths[-1], functools.partial(save_png, shown.figure))
     if not paths:
         command = recording_command(task, folder)
-        raise ValueError(f"{folder}: nothing is recorded; `{command}` records")
+        raise ValueError(f"{folder}: no episodes are recorded; record some with `{command}`")
     return paths
 
 

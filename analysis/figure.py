@@ -1,4 +1,4 @@
-"""Draws a run folder's success figure again: `python -m analysis.figure RUN_FOLDER`."""
+"""Redraws a run folder's success figure: `python -m analysis.figure RUN_FOLDER`."""
 
 import sys
 from collections.abc import Sequence
@@ -8,7 +8,7 @@ from analysis import program
 from analysis.figures.success import write_figure
 from analysis.reading import names
 
-_HELP = """Draws a run folder's success figure again: figure.png and figure.csv.
+_HELP = """Redraws a run folder's success figure: figure.png and figure.csv.
 
   python -m analysis.figure runs/pick_place
 

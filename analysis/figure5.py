@@ -31,10 +31,9 @@ _HELP = """Draws the paper's Figure 5 from the published results.
   python -m analysis.figure5
 
 writes figure5.png and figure5.pdf, success against test periods as in the paper; figure5_steps.png
-and figure5_minutes.png, against environment steps and minutes of a core for each seed; and
-figure5.csv, the numbers that are drawn. Agents without subgoal layers that were trained otherwise
-are read from the folders grid_td3, grid_half_rate and grid_goals_per_segment beside --data, where
-there are any.
+and figure5_minutes.png, against environment steps and core-minutes per seed; and figure5.csv, the
+numbers in the figures. The folders grid_td3, grid_half_rate and grid_goals_per_segment beside
+--data, if they exist, hold flat agents with other settings, which are drawn too.
 
 Flags:
 {flags}

@@ -1,4 +1,4 @@
-"""Strangers on our tasks beside our agents, at equal environment steps and core-minutes."""
+"""Compares peers with our agents on our tasks, at equal environment steps and core-minutes."""
 
 import os
 import sys
@@ -30,8 +30,8 @@ _HELP = """Compares another library's agents with ours on the same tasks, and dr
   python -m analysis.peers
 
 Success is compared at equal environment steps and at equal core-minutes; a third table has the
-core-minutes until the median seed reaches 90%. The strangers' curves come from
-`python -m tests.bench.peers`.
+core-minutes until the median seed reaches 90%. `python -m tests.bench.peers` trains the peers:
+the other library's agents.
 
 Flags:
 {flags}
@@ -79,9 +79,11 @@ def _cell(row) -> str:
 def main(argv: Sequence[str]) -> int:
     """Carries out a command; returns the exit status that --help states."""
     values = flags.FlagValues()
-    flags.DEFINE_string("peers", os.path.relpath(FOLDER), "holds the strangers' curves", values)
-    flags.DEFINE_string("data", os.path.relpath(grid.FOLDER), "our folder per task", values)
-    flags.DEFINE_string("output", None, "for the figure; if not given, --peers", values)
+    flags.DEFINE_string("peers", os.path.relpath(FOLDER), "folder of the peers' curves", values)
+    flags.DEFINE_string(
+        "data", os.path.relpath(grid.FOLDER), "folder of our run folders, one per task", values
+    )
+    flags.DEFINE_string("output", None, "folder for the figure; default: --peers", values)
     this = program.Program(_HELP, values, wrong=program.UNREADABLE)
     return program.carry_out(this, argv, lambda _: _compare_all(values))
 
@@ -100,7 +102,7 @@ def _compare_all(values: flags.FlagValues) -> None:
     print(f"Core-minutes until the median seed reaches {SOLVED:.0%}", "", waits, "", sep="\n")
     for task in strangers["task"].unique():
         if task not in ours:
-            print(f"{values.data}: holds no results of ours on {task}")
+            print(f"{values.data}: holds none of our results on {task}")
     print(path)
 
 

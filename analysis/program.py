@@ -1,4 +1,4 @@
-"""What every program here and in launch shares: flags, --help, one error line, an exit status."""
+"""Shared by all programs here and in launch: flags, --help, one error line, an exit status."""
 
 import difflib
 import os
@@ -27,7 +27,7 @@ class CommandError(Exception):
 
 
 def printable(said: str) -> str:
-    """What people typed or files hold, with an escape for each character that is no text."""
+    """Text from users or files, with unprintable characters escaped."""
     return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in said)
 
 
@@ -38,11 +38,11 @@ UNREADABLE = (CommandError, OSError, ValueError)
 
 
 class HelpRequested(Exception):
-    """--help was among the words; whoever catches this prints the help."""
+    """The command asks for --help; the handler prints it."""
 
 
 class Program(NamedTuple):
-    """What a program takes and says of itself."""
+    """A program's help, flags and other arguments."""
 
     help_text: str  # what --help prints, with `{flags}` for a line for each flag
     flags: flags.FlagValues
@@ -77,7 +77,7 @@ def answer(
     help_text: Callable[[], str],
     wrong: tuple[type[Exception], ...] = WRONG,
 ) -> int:
-    """Works; prints the help where that is asked for, and one line for what went wrong.
+    """Calls `work`; prints the help if asked for, and one line if something goes wrong.
 
     Args:
       wrong: kinds of exceptions that mean that the command was wrong.
@@ -95,10 +95,10 @@ def answer(
         _complain(error)
         return 2
     except OSError as error:
-        _complain(f"{error}; what is finished is kept")
+        _complain(f"{error}; finished results are kept")
         return 1
     except KeyboardInterrupt:
-        _complain("interrupted; what is finished is kept")
+        _complain("interrupted; finished results are kept")
         return _INTERRUPTED
 
 
@@ -213,7 +213,7 @@ def over_the_grid(
     """
     values = flags.FlagValues()
     flags.DEFINE_string("data", os.path.relpath(data), "holds the results", values)
-    flags.DEFINE_string("output", None, "a folder for the files; if not given, --data", values)
+    flags.DEFINE_string("output", None, "folder for the files; default: --data", values)
     program = Program(help_text, values, wrong=UNREADABLE)
 
     def read_and_write(_: list[str]) -> object:

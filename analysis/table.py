@@ -1,4 +1,4 @@
-"""Where every agent stands at the end, as a table: `python -m analysis.table RUN_FOLDER ...`."""
+"""A table of every agent's final results: `python -m analysis.table RUN_FOLDER ...`."""
 
 import sys
 from collections.abc import Sequence
@@ -10,7 +10,7 @@ from analysis.reading.paper import STEPS_TO_GOAL, in_order
 from analysis.reading.results import load
 from analysis.statistics.seeds import SOLVED, core_minutes, final_success
 
-_HELP = """Prints a table in Markdown of where every agent stands at the end.
+_HELP = """Prints a Markdown table of every agent's final results.
 
   python -m analysis.table analysis/data/grid/*/
 
@@ -34,7 +34,7 @@ HEADINGS = (
 
 
 def tabulate(results: pd.DataFrame) -> pd.DataFrame:
-    """A row per task and agent, as text under `HEADINGS`; a dash where there is nothing to say.
+    """A row per task and agent, as text under `HEADINGS`; a dash where there is no value.
 
     Success is the mean over seeds at the last test period; steps are the median over seeds of the
     mean steps to goal, beside the paper's count. Core-minutes are what training and testing all

@@ -1,4 +1,4 @@
-"""What tuning found: the best of each study beside what it began with, and what mattered."""
+"""Compares the best trial of each study with its first ones, and shows what mattered."""
 
 import sys
 from collections.abc import Sequence
@@ -12,7 +12,7 @@ from analysis.figures.tuning import draw
 from analysis.reading.files import write_atomically
 from analysis.statistics.tuning import LEAST_TRIALS, Spread, Study, Trial, read
 
-_HELP = """Sets the best trial of each tuning study beside its first ones, and says what mattered.
+_HELP = """Compares each tuning study's best trial with its first ones, and shows what mattered.
 
   python -m analysis.tuning --data=analysis/data/tuning
 

@@ -1,4 +1,4 @@
-"""Does hierarchy help on a task? A verdict with an interval, from one run folder or two."""
+"""Does hierarchy help on a task? A verdict with an interval, from one or more run folders."""
 
 import sys
 from collections.abc import Sequence
@@ -11,14 +11,14 @@ from analysis.reading import paper
 from analysis.reading.results import load, read_manifest
 from analysis.verdicts import hierarchy
 
-_HELP = """Says whether hierarchy helped: 1 and 2 subgoal layers against the strongest flat agent.
+_HELP = """Says whether hierarchy helps: 1 and 2 subgoal layers against the strongest flat agent.
 
   python -m analysis.verdict runs/pick_place --flat=runs/td3/pick_place
 
-Agents are compared seed by seed: the area under the success curve at equal environment steps, which
-decides, and at equal core-minutes and episodes; the success of the last periods; the chance that a
-seed with subgoal layers does better than one without. --flat names run folders of other agents
-without subgoal layers on the same task, with commas between them: the strongest counts.
+Agents are compared seed by seed, by the area under the success curve at equal environment steps,
+which decides. Also shown: the area at equal core-minutes and episodes, success in the last periods,
+and the chance that a seed with subgoal layers does better than one without. --flat names run
+folders of other flat agents on the same task, separated by commas: the strongest counts.
 
 Flags:
 {flags}

@@ -1,4 +1,4 @@
-"""What became of worlds that nobody here made, and whether hierarchy helped on each."""
+"""Results on third-party environments, and whether hierarchy helped on each."""
 
 import sys
 from collections.abc import Mapping, Sequence
@@ -15,13 +15,13 @@ from analysis.statistics.seeds import success_per_period
 from analysis.table import as_markdown
 from analysis.verdicts import hierarchy
 
-_HELP = """Shows what became of worlds that others made, and whether hierarchy helped on each.
+_HELP = """Shows results on third-party environments, and whether hierarchy helped on each.
 
   python -m analysis.worlds
 
-prints a table of all agents at the end and the verdicts, and writes them to worlds.md; draws
-worlds.png, success against test periods. TD3 agents without subgoal layers are read from the folder
-worlds_td3 beside --data, where there are any.
+prints a table of all agents' final results and the verdicts, and writes them to worlds.md. It draws
+worlds.png, success against test periods. The folder worlds_td3 beside --data, if it exists, holds
+TD3 agents without subgoal layers.
 
 Flags:
 {flags}
@@ -32,7 +32,7 @@ FOLDER = grid.FOLDER.parent / "worlds"
 _TD3 = "TD3+HER"
 _FITTED = "_fit"  # what launch/fit.py puts behind a task's name
 _COLUMNS = 3
-_NO_WORLDS = "{folder}: holds no run folders: launch/publish.py puts some there"
+_NO_WORLDS = "{folder}: holds no run folders; `python launch/publish.py` publishes some there"
 
 Worlds = Mapping[str, pd.DataFrame]
 
@@ -53,7 +53,7 @@ def load_worlds(folder: Path) -> dict[str, pd.DataFrame]:
 
 
 def load_td3(folder: Path) -> Worlds:
-    """The same of TD3 agents without subgoal layers, from the folder beside; {} without one."""
+    """The same for TD3 agents without subgoal layers; {} without a folder for them."""
     beside = folder.parent / f"{folder.name}_td3"
     return load_worlds(beside) if beside.is_dir() else {}
 

@@ -1,4 +1,4 @@
-"""One agent in one episode that somebody else steps: an observation in, an action out."""
+"""One agent in one episode that the caller steps: an observation in, an action out."""
 
 from collections.abc import Sequence
 from typing import Any, NamedTuple
@@ -14,7 +14,7 @@ _NO_SUBGOAL = "an agent with subgoal layers needs achieved_subgoal: its state in
 
 
 class _Seen(NamedTuple):
-    """What the hierarchy is told of a state: a row each."""
+    """What the hierarchy sees of a state, one row each."""
 
     observation: np.ndarray  # [1, D]
     achieved_goal: np.ndarray  # [1, G]
@@ -24,7 +24,7 @@ class _Seen(NamedTuple):
 
 
 class Episode:
-    """A hierarchy's goals and attempts in an episode, whose end is for the caller to see."""
+    """A hierarchy's goals and attempts in an episode; the caller decides when it ends."""
 
     def __init__(self, spec: Spaces, actors: Sequence[Actor], horizons: tuple[int, ...]):
         self._spec, self._layers = spec, len(horizons) - 1
@@ -35,7 +35,7 @@ class Episode:
         """The action [A] for an observation [D], end goal [G] and achieved subgoal [H].
 
         Raises:
-            ValueError: one of them is missing or not so many finite numbers.
+            ValueError: an argument is missing, or has the wrong size or values that are not finite.
         """
         seen = self._seen(observation, goal, achieved_subgoal)
         if self._time == 0:

@@ -1,9 +1,8 @@
-"""Checkpoints of a seed: two files each that a kill, a full disk or a flipped bit cannot fake.
+"""Checkpoints of a seed: two files each, safe against kills, full disks and flipped bits.
 
-A folder holds one seed's newest checkpoint and the one before, or the one that its training ended
-with, named by training episodes:
-`000001200.safetensors`, the tensors, and `000001200.json`, everything else. Each file appears whole
-or not at all; the json is written last, and holds the checksum of the tensors and its own.
+A folder holds one seed's two newest checkpoints, or its final one, named by training episodes:
+`000001200.safetensors`, the tensors, and `000001200.json`, everything else. Each file appears
+complete or not at all. The json is written last, and holds the checksum of the tensors and its own.
 """
 
 import hashlib
@@ -24,7 +23,7 @@ _TENSORS, _NUMBERS = ".safetensors", ".json"
 
 
 class Checkpoint(NamedTuple):
-    """What a checkpoint says of itself, its tensors apart."""
+    """A checkpoint's description, without its tensors."""
 
     about: dict[str, Any]  # whose it is, as `Writer` was told
     numbers: dict[str, Any]  # as in SeedState
@@ -50,8 +49,8 @@ class Writer:
         """
         Args:
             folders: one for each seed.
-            about: what each seed's checkpoints are to say about whose they are, in JSON's types.
-            train_episodes: of the checkpoints that the training goes on from.
+            about: what identifies each seed's checkpoints, in JSON's types.
+            train_episodes: of the checkpoints from which the training resumes.
         """
         self._folders, self._about = folders, about
         self.last = train_episodes
@@ -98,7 +97,7 @@ class Writer:
 
 
 def newest(folder: Path) -> tuple[Checkpoint | None, list[str]]:
-    """The newest checkpoint of a folder that is whole, and what is wrong with newer ones."""
+    """The newest intact checkpoint of a folder, and what is wrong with newer ones."""
     complaints = []
     for file in sorted(folder.glob(f"*{_NUMBERS}"), reverse=True):
         try:
@@ -201,7 +200,7 @@ def _sync(folder: Path) -> None:
 
 
 def _prune(folder: Path, stems: set[str]) -> None:
-    """Removes what is not of these checkpoints, and what was left half written."""
+    """Removes other checkpoints and incomplete files."""
     for pattern in (f"*{_NUMBERS}", f"*{_TENSORS}", ".*.tmp"):
         for file in folder.glob(pattern):
             if file.stem not in stems:

@@ -1,4 +1,4 @@
-"""Every choice an agent depends on, with its source, and the presets that select them together."""
+"""All hyperparameters with their sources, and the presets."""
 
 import dataclasses
 import math
@@ -12,7 +12,7 @@ from hac_suite.learning import learners
 
 
 class _Part:
-    """What the parts of a config have: checks of their fields."""
+    """Base of a config's parts: checks of fields."""
 
     def _require(self, name: str, holds: bool, wanted: str) -> None:
         if not holds:
@@ -206,9 +206,10 @@ PRESETS = {
 
 
 def completed(fields: Mapping[str, Any]) -> dict[str, Any]:
-    """The fields of a config as some version wrote it, and those that it did not have yet.
+    """The fields of a config that some version wrote, completed by those that it lacks.
 
-    A field has the value that stood for it before it existed, whatever its default is today.
+    A field that is missing gets the value that corresponds to the behaviour before it existed,
+    which may differ from today's default.
     """
     before = dict(_BEFORE)
     if "random_action_rate" in fields:  # it stood for all levels

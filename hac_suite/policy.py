@@ -1,4 +1,4 @@
-"""Goal-conditioned actors of a hierarchy: how they act, and how they are kept as files."""
+"""Policies: the goal-conditioned actors of a hierarchy, how they act and how they are saved."""
 
 import itertools
 from collections.abc import Sequence
@@ -48,8 +48,8 @@ class Policy:
     Attributes:
         horizons: (T_0, ..., T_n).
         metadata: what the file said about itself (task, seed, score, ...).
-        critics: per level the critic that its actor learnt from, for `hac_suite.values`; none in
-            files of before critics were kept, or of learners that have another kind.
+        critics: per level the critic of its actor, for `hac_suite.values`; none in files saved
+            without critics, or for learners with another kind of critic.
     """
 
     def __init__(
@@ -98,13 +98,13 @@ class Policy:
         return [as_actor(n, spec) for n, spec in zip(self.networks, levels, strict=True)]
 
     def reset(self, spec: Spaces) -> None:
-        """Begins an episode, of which `act` is then asked for each action.
+        """Begins an episode; then call `act` for each action.
 
         Args:
-            spec: the task's, as `tasks.spec` or a `VectorEnv` says it: scales, spaces and bounds.
+            spec: the task's scales, spaces and bounds: `tasks.spec` or a `VectorEnv`.
 
         Raises:
-            ValueError: the policy is of another task.
+            ValueError: the policy was trained on another task.
         """
         actors = self.actors(level_specs(spec, self.horizons))
         self._episode = Episode(spec, actors, self.horizons)
@@ -123,8 +123,8 @@ class Policy:
         Args:
             observation: [D].
             goal: the end goal, [G].
-            achieved_subgoal: where the state is in the space of subgoals, [H]; an agent without
-                subgoal layers needs none.
+            achieved_subgoal: the state in the subgoal space, [H]; an agent without subgoal layers
+                needs none.
 
         Returns:
             [A], within the motors' bounds.

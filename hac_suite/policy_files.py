@@ -1,8 +1,8 @@
 """A policy's two files: the weights, and a description for people and readers that need no weights.
 
-The weights' file holds the description as well. A kill can come between the replacing of one file
-and of the other: the description then says by its checksum that it is of other weights, and what
-the weights say of themselves counts. So a policy that is replaced is the old one or the new one.
+The weights file contains the description as well. If a kill comes between replacing the two files,
+the checksum in the description does not match the weights, and the description inside the weights
+file counts. So a replaced policy is either the old one or the new one.
 """
 
 import hashlib
@@ -41,10 +41,10 @@ def write(path: Path, tensors: Mapping[str, torch.Tensor], description: Mapping[
 
 
 def describe(path: Path) -> dict[str, Any]:
-    """What a policy says of itself.
+    """A policy's description.
 
     Raises:
-        ValueError: a file is missing, or no policy's; the message names it.
+        ValueError: a file is missing or not a policy; the message names it.
     """
     weights, file = paths(path)
     try:
@@ -61,7 +61,7 @@ def tensors(path: Path) -> dict[str, torch.Tensor]:
     """A policy's weights.
 
     Raises:
-        ValueError: the file is missing, or no safetensors; the message names it.
+        ValueError: the file is missing or not safetensors; the message names it.
     """
     weights, _ = paths(path)
     try:
@@ -71,7 +71,7 @@ def tensors(path: Path) -> dict[str, torch.Tensor]:
 
 
 def _read(file: Path) -> bytes:
-    """What a regular file of some size at most holds; a pipe, say, would never end."""
+    """The content of a regular file of limited size; a pipe, for example, might never end."""
     if not file.is_file() and file.exists():
         raise ValueError(f"{file} is no regular file")
     with file.open("rb") as opened:
@@ -89,7 +89,7 @@ def _described(text: bytes | str) -> dict[str, Any]:
 
 
 def _of_weights(file: Path) -> dict[str, Any] | None:
-    """What weights say of themselves; None for those that do not, or that cannot be read."""
+    """The description inside a weights file; None if it has none or cannot be read."""
     try:
         with safetensors.safe_open(file, framework="pt") as opened:
             return _described((opened.metadata() or {})["description"])

@@ -1,4 +1,4 @@
-"""All that one seed of a training is made of, as tensors and numbers: what a checkpoint holds."""
+"""The whole state of one seed, as tensors and numbers: what a checkpoint holds."""
 
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -10,7 +10,7 @@ import torch
 class SeedState(NamedTuple):
     """One seed between two rounds.
 
-    `tensors` may be views of what is being trained: they hold until the training goes on.
+    `tensors` may be views of live memory: they are valid until the training continues.
     """
 
     tensors: dict[str, torch.Tensor]
@@ -19,7 +19,7 @@ class SeedState(NamedTuple):
 
 @contextmanager
 def restoring() -> Iterator[None]:
-    """Answers a state that lacks something, or has it in another shape, by ValueError."""
+    """Turns errors of an incomplete or wrongly shaped state into ValueError."""
     try:
         yield
     except (AttributeError, IndexError, KeyError, OverflowError, TypeError) as error:
@@ -27,7 +27,7 @@ def restoring() -> Iterator[None]:
 
 
 def copy_into(live: Mapping[str, torch.Tensor], saved: Mapping[str, torch.Tensor]) -> None:
-    """Overwrites each live tensor in place: views of it, and captured graphs, go on seeing it.
+    """Overwrites each live tensor in place, so views of it and captured graphs stay valid.
 
     Raises:
         ValueError: a tensor is missing, or has another shape or type.

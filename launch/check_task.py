@@ -1,4 +1,4 @@
-"""Says what is wrong with a task of one's own: `python launch/check_task.py FILE:name`."""
+"""Checks a user's task: `python launch/check_task.py FILE:name`."""
 
 import os
 import subprocess

@@ -1,7 +1,7 @@
 """The console commands `hac-run`, `hac-play`, ...: each is the program of that name in this folder.
 
-A program's own `__main__` part is run, which sets what numpy, torch and mujoco read when they are
-imported; so nothing that imports them may be imported here.
+Each runs the program's own `__main__` part, which sets what numpy, torch and mujoco read at import.
+So this file must not import anything that imports them.
 """
 
 import runpy
@@ -18,12 +18,12 @@ def play() -> None:
 
 
 def doctor() -> None:
-    """`hac-doctor` is `python launch/doctor.py`: says what this machine can do."""
+    """`hac-doctor` is `python launch/doctor.py`: checks what this machine can do."""
     _program("launch.doctor")
 
 
 def status() -> None:
-    """`hac-status` is `python launch/status.py`: says how an experiment stands."""
+    """`hac-status` is `python launch/status.py`: shows the progress of an experiment."""
     _program("launch.status")
 
 
@@ -33,17 +33,17 @@ def view() -> None:
 
 
 def fit() -> None:
-    """`hac-fit` is `python launch/fit.py`: estimates the settings of another's environment."""
+    """`hac-fit` is `python launch/fit.py`: estimates settings for an environment."""
     _program("launch.fit")
 
 
 def check_task() -> None:
-    """`hac-check-task` is `python launch/check_task.py`: what is wrong with a task of one's own."""
+    """`hac-check-task` is `python launch/check_task.py`: checks a user's task."""
     _program("launch.check_task")
 
 
 def new_task() -> None:
-    """`hac-new-task` is `python launch/new_task.py`: a task file to begin with, from an MJCF."""
+    """`hac-new-task` is `python launch/new_task.py`: writes a task file for an MJCF model."""
     _program("launch.new_task")
 
 

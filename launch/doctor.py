@@ -1,4 +1,4 @@
-"""Says what this machine can do, and how to mend what it cannot: `python launch/doctor.py`."""
+"""Checks this machine, and says how to fix what fails: `python launch/doctor.py`."""
 
 import sys
 import tempfile
@@ -41,7 +41,7 @@ class Finding(NamedTuple):
 
 
 def check_packages() -> Finding:
-    """Versions of what results depend on, and that they can be imported together."""
+    """Versions of the packages that results depend on, and whether they import together."""
     try:
         versions = manifest.versions()
         import hac_suite  # noqa: F401  (that it can be imported is what is asked)
@@ -53,7 +53,7 @@ def check_packages() -> Finding:
 
 
 def check_cores() -> Finding:
-    """Cores that workers can have; each has one thread."""
+    """The number of cores for workers of one thread each."""
     machine = manifest.machine()
     return Finding(
         True,

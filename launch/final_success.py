@@ -1,4 +1,4 @@
-"""Says whether agents stay at the goal: `python launch/final_success.py --task=TASK`."""
+"""Measures whether agents stay at the goal: `python launch/final_success.py --task=TASK`."""
 
 import sys
 from collections.abc import Sequence
@@ -51,7 +51,7 @@ class Held(NamedTuple):
 
 
 class _Unending:
-    """An environment whose episodes nobody ends at the goal; it keeps when the goal held."""
+    """An environment whose episodes continue after the goal; records when it is achieved."""
 
     def __init__(self, env: Any):
         self._env, self.held = env, list[np.ndarray]()
@@ -68,7 +68,7 @@ class _Unending:
 
 
 class _NeverAchieved:
-    """A space of end goals of which none is ever said to be achieved."""
+    """A space whose end goals are never reported as achieved."""
 
     def __init__(self, space: Any):
         self._space = space

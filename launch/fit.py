@@ -50,7 +50,7 @@ _SHOWN = 12  # numbers of an observation that the table has lines for
 
 
 class Fit(NamedTuple):
-    """What was found out about a task."""
+    """What `fit` estimates for a task."""
 
     settings: Settings
     random: Played
@@ -115,7 +115,8 @@ def _fit(values: flags.FlagValues) -> int:
 
 
 def fit(task: tasks.Unfitted, train_episodes: int, say: Callable[[str], None]) -> Fit:
-    """Estimates a task's spaces from random episodes, and those of a flat agent, trained a little.
+    """Estimates a task's spaces from random episodes and from those of a briefly trained flat
+    agent.
 
     Args:
       train_episodes: of the flat agent; 0 leaves it out.
@@ -136,7 +137,7 @@ def fit(task: tasks.Unfitted, train_episodes: int, say: Callable[[str], None]) -
 
 
 def _learnt(task: tasks.Unfitted, settings: Settings, episodes: int) -> Played:
-    """Episodes of a flat agent after so many of training, noise-free and with noise by turns."""
+    """Episodes of a flat agent after brief training, alternately with and without noise."""
     entry = task.fit(settings)
     per_round = hac_suite.Config().episodes_per_round
     config = hac_suite.Config(
@@ -163,7 +164,7 @@ def _learnt(task: tasks.Unfitted, settings: Settings, episodes: int) -> Played:
 
 
 def show(task: tasks.Unfitted, found: Fit, console: Console) -> None:
-    """Prints what was seen and what follows from it, and warnings."""
+    """Prints the estimates, the episodes they come from, and warnings."""
     console.print(_settings_table(task, found.settings))
     console.print(_episodes_table(found))
     console.say(_lines(task, found.settings))

@@ -1,4 +1,4 @@
-"""Begins a task of one's own from a model: `python launch/new_task.py NAME MODEL.xml`."""
+"""Writes a task for a model: `python launch/new_task.py NAME MODEL.xml`."""
 
 import re
 import sys

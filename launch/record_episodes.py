@@ -1,4 +1,4 @@
-"""Records what explains policies: `python launch/record_episodes.py --task=TASK`."""
+"""Records episodes that explain policies: `python launch/record_episodes.py --task=TASK`."""
 
 import itertools
 import json

@@ -1,4 +1,4 @@
-"""Records what policies' subgoals come to: `python launch/record_subgoals.py --task=TASK`."""
+"""Records policies' subgoals and outcomes: `python launch/record_subgoals.py --task=TASK`."""
 
 import itertools
 import json

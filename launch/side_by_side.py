@@ -1,4 +1,4 @@
-"""Films agents side by side: `python launch/side_by_side.py --task=ur5_reacher`."""
+"""Renders agents side by side: `python launch/side_by_side.py --task=ur5_reacher`."""
 
 import sys
 from collections.abc import Sequence

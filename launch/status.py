@@ -1,4 +1,4 @@
-"""Says how an experiment stands: `python launch/status.py runs/pick_place`."""
+"""Shows the progress of an experiment: `python launch/status.py runs/pick_place`."""
 
 import shlex
 import sys

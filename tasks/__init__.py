@@ -1,8 +1,8 @@
 """Goal-conditioned MuJoCo tasks.
 
-`spec` says what a task is, `load` gives it as a Composer environment and `load_vector` as many
-environments stepped together; `find` answers a word with all three. Importing the package
-registers every task with Gymnasium as "HACSuite/<Name>-v0".
+`spec` describes a task, `load` makes a Composer environment and `load_vector` many environments
+stepped together; `find` returns all three for a name. Importing the package registers every task
+with Gymnasium as "HACSuite/<Name>-v0".
 """
 
 import warnings

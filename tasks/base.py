@@ -20,7 +20,7 @@ _PLACEMENT_ATTEMPTS = 1000
 
 
 class GoalTask(composer.Task):
-    """A task whose episodes are to reach a goal (section 4.1 of the paper).
+    """A task whose episodes have a goal to reach (section 4.1 of the paper).
 
     What the agent observes and what it has achieved are pure functions of the `readings`: the
     model's sensors, then 1.0 or 0.0 for each equality constraint that is active. Composer's
@@ -30,9 +30,9 @@ class GoalTask(composer.Task):
     does; the discount is 0 only on success. An episode ends on success or after `max_steps`
     control steps.
 
-    Subclasses say `observation_parts`, `achieved_goal`, `achieved_subgoal`, `sample_episode`,
-    `place_goal_marker` and `place_subgoal_marker`; those in which something happens to the model
-    during an episode also say `event_mask` and `apply_event`.
+    Subclasses define `observation_parts`, `achieved_goal`, `achieved_subgoal`, `sample_episode`,
+    `place_goal_marker` and `place_subgoal_marker`; those with events during an episode also define
+    `event_mask` and `apply_event`.
     """
 
     def __init__(

@@ -1,4 +1,4 @@
-"""From a word to a task: a registered name, a file of one's own, a Gymnasium environment."""
+"""Finds tasks by a word: a registered name, a user's file, or a Gymnasium environment."""
 
 import difflib
 import functools

@@ -1,4 +1,4 @@
-"""Goal spaces: the named, bounded dimensions in which goals are stated and judged."""
+"""Goal spaces: the named, bounded dimensions in which goals are defined and tested."""
 
 import dataclasses
 

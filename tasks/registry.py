@@ -15,11 +15,11 @@ _TAKEN = "a task named {name!r} is already registered"
 
 @dataclasses.dataclass(frozen=True)
 class Entry:
-    """A registered task: what is known of it, and how to load it.
+    """A registered task: its description, and how to load it.
 
     Attributes:
-      name: what folders, tables and files call it; no other task has it.
-      word: what `tasks.find` finds it by again, from any folder.
+      name: its unique name in folders, tables and files.
+      word: the word by which `tasks.find` finds it from any folder.
       spec: its spaces, steps and scales.
       factory: takes the keyword `test` (whether episodes begin from the test starts rather than
         the training starts) and returns the task.

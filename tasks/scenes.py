@@ -1,4 +1,4 @@
-"""The scene that every task is set in: sky, lights, floor, and the cameras that watch it."""
+"""The scene of every task: sky, lights, floor and cameras."""
 
 from collections.abc import Mapping
 from typing import Any, NamedTuple
@@ -30,8 +30,8 @@ def build(
     """Makes the arena of a task.
 
     Args:
-      bodies: what stands in it: entities, or the MJCF of bodies that need no entity.
-      cameras: by name; the first is the one that pictures are taken with.
+      bodies: its contents: entities, or the MJCF of bodies that need no entity.
+      cameras: by name; the first one is the default for pictures.
       solid_floor: whether things can rest on the floor; otherwise it is only seen.
     """
     arena = composer.Arena(xml_path=str(assets.MJCF_DIRECTORY / "arena.xml"))

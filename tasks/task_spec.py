@@ -1,4 +1,4 @@
-"""What there is to know of a task without compiling its physics."""
+"""Describes a task without compiling its physics."""
 
 import dataclasses
 from collections.abc import Mapping, Sequence
@@ -18,14 +18,14 @@ class TaskSpec:
         spec.max_steps, spec.goal_space.names, spec.observation_dim, spec.action_high
 
     Attributes:
-      title: what is to be done, in a sentence or two.
+      title: the aim of the task, in a sentence or two.
       control_timestep: seconds between actions.
       max_steps: control steps after which an episode is cut off.
       goal_space: the space of end goals, G dimensions.
       subgoal_space: the space of subgoals, H dimensions.
-      observation: the parts of the observation, in their order: by name, what each number of the
-        part is divided by to come out about [-1, 1].
-      offset: what is subtracted from each number of the observation first, [D]; () is nothing.
+      observation: the parts of the observation in their order: by name, the scale of each number,
+        which divides it to give about [-1, 1].
+      offset: subtracted from the observation before the division, [D]; (): nothing.
       action_bounds: the least and the most that each motor takes, [A] each, in natural units.
       horizons: by number of subgoal layers, the attempts (T_0, ..., T_n) that suit this task
         better than equal ones.
@@ -89,12 +89,12 @@ class TaskSpec:
 
     @property
     def observation_scale(self) -> np.ndarray:
-        """[D] what observations are divided by to come out about [-1, 1]."""
+        """[D] scales that divide observations to give about [-1, 1]."""
         return np.array([number for scale in self.observation.values() for number in scale])
 
     @property
     def observation_offset(self) -> np.ndarray | None:
-        """[D] what is subtracted from observations before that; None: nothing is."""
+        """[D] subtracted from observations before that; None: nothing."""
         return np.array(self.offset, np.float64) if len(self.offset) else None
 
     @property

@@ -70,8 +70,8 @@ def test_flags_may_come_after_words_and_words_are_counted():
     [
         (CommandError("no such task"), 2, "error: no such task\n"),
         (CommandError("no task\n\x1b[1m\udcff"), 2, "error: no task\\n\\x1b[1m\\udcff\n"),
-        (OSError("no space left"), 1, "error: no space left; what is finished is kept\n"),
-        (KeyboardInterrupt(), 130, "error: interrupted; what is finished is kept\n"),
+        (OSError("no space left"), 1, "error: no space left; finished results are kept\n"),
+        (KeyboardInterrupt(), 130, "error: interrupted; finished results are kept\n"),
     ],
 )
 def test_what_goes_wrong_is_one_line_and_a_status(error, status, line, capsys):

@@ -1,4 +1,4 @@
-"""Draws one episode: where the agent went, what its levels asked for, and what came of it."""
+"""Draws one episode: the agent's path, the subgoals of its levels, and their outcomes."""
 
 from collections.abc import Iterator
 
@@ -24,7 +24,7 @@ _HATCH = "////"
 def draw_anatomy(episode: Episode) -> Figure:
     """Left: the planes in which the agent moves. Right: every dimension over time, and outcomes.
 
-    Dimensions that only the end goal has come after those of subgoals.
+    Dimensions that only the end goal has follow those of subgoals.
 
     Subgoals have the colour of their markers in videos: purple for level 1's, green for level 2's.
     Filled ones were achieved, hatched or crossed ones missed, hollow ones cut short.

@@ -1,4 +1,4 @@
-"""Success against what it cost: environment steps, and minutes of a core."""
+"""Success against cost: environment steps, and core-minutes."""
 
 import pandas as pd
 from matplotlib.figure import Figure

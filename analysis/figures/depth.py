@@ -1,4 +1,4 @@
-"""The depth study drawn: curves for each number of decisions, and gains against it."""
+"""Draws the depth study: curves for each number of decisions, and gains against it."""
 
 from collections.abc import Sequence
 

@@ -1,4 +1,4 @@
-"""Maps of goal spaces: where subgoals are put over training, and what critics expect there."""
+"""Maps of goal spaces: where levels put subgoals during training, and Q over goals."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple

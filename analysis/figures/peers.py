@@ -1,4 +1,4 @@
-"""Strangers beside our agents: success over environment steps, and over core-minutes."""
+"""Draws peers beside our agents: success over environment steps, and over core-minutes."""
 
 import numpy as np
 import pandas as pd

@@ -1,4 +1,4 @@
-"""Tuning studies drawn: trials over the core-hours spent, and what mattered."""
+"""Draws tuning studies: trials over the core-hours spent, and which parameters mattered."""
 
 from collections.abc import Sequence
 

@@ -1,1 +1,1 @@
-"""Reads the files of run folders; what is wrong with one is said in one line."""
+"""Reads the files of run folders; a damaged file gives an error of one line."""

@@ -1,4 +1,4 @@
-"""Results of the depth study: the same motion, taken in more and more decisions."""
+"""Results of the depth study: the same motion, split into more decisions."""
 
 import re
 from pathlib import Path
@@ -13,10 +13,10 @@ STUDY = {"ur5_reacher": (200, 400, 800), "pick_place": (300, 600, 1200)}
 GAINS = ((1, 0), (2, 1))
 """Agents compared, by subgoal layers: the first is to gain over the second."""
 _NOTHING = (
-    "{folder}: holds no results of {tasks}; `python -m analysis.depth --commands` prints what "
-    "trains them, and --data says where they are"
+    "{folder}: holds no results of {tasks}; `python -m analysis.depth --commands` prints the "
+    "commands that train them; --data names their folder"
 )
-_CONFIGS = "{path}: is of another configuration than {other} ({names}); they cannot be compared"
+_CONFIGS = "{path}: has another configuration than {other} ({names}), so they cannot be compared"
 
 
 def load_study(folder: Path) -> pd.DataFrame:

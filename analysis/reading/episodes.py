@@ -13,7 +13,7 @@ from analysis.reading import names
 from analysis.reading.subgoals import recording_command
 
 _VIEWS = {"xy": "from above", "xz": "from the side"}
-_BAD_FILE = "{path}: not a record of episodes ({error}); record it anew with `{command}`"
+_BAD_FILE = "{path}: not a record of episodes ({error}); record it again with `{command}`"
 
 
 @dataclass(frozen=True)
@@ -126,7 +126,7 @@ def _episode(task: str, spaces: dict[str, Space], item: dict[str, Any]) -> Episo
     shared = set(spaces["goal_space"].names) & set(spaces["subgoal_space"].names)
     goal_only = len(spaces["goal_space"].names) - len(shared)
     if goal_path is not None and goal_path.shape != (len(path), goal_only):
-        raise ValueError("the goal's path does not go with the path")
+        raise ValueError("the goal's path does not match the path")
     return Episode(
         task, item["subgoal_layers"], item["seed"], item["success"], np.array(item["goal"]),
         path, subgoals, **spaces, goal_path=goal_path,

@@ -1,4 +1,4 @@
-"""Writes files so that a reader or a kill never meets half of one; reads small ones."""
+"""Writes files atomically, so that readers never see a partial file; reads small files."""
 
 import contextlib
 import ctypes
@@ -14,11 +14,11 @@ _HERE, _EXCHANGE = -100, 2  # of Linux's renameat2: names are below where we are
 
 
 def read_bytes(path: Path, most: int = MOST_BYTES) -> bytes:
-    """What a file holds that is a regular one, and not larger than anybody means.
+    """The content of a regular file of limited size.
 
     Raises:
       FileNotFoundError: there is none.
-      ValueError: it is another thing, such as a pipe that would never end, or too large.
+      ValueError: it is not a regular file, or it is too large.
     """
     # Without O_NONBLOCK the opening of a pipe waits for somebody to write into it.
     handle = os.open(path, os.O_RDONLY | os.O_NONBLOCK)
@@ -35,20 +35,20 @@ def read_bytes(path: Path, most: int = MOST_BYTES) -> bytes:
 
 
 def read_text(path: Path, most: int = MOST_BYTES) -> str:
-    """As `read_bytes`, of a text.
+    """As `read_bytes`, for text.
 
     Raises:
-      UnicodeDecodeError: it is no text in UTF-8; it is a ValueError as well.
+      UnicodeDecodeError: it is not UTF-8 text; this is also a ValueError.
     """
     return read_bytes(path, most).decode("utf-8")
 
 
 @contextlib.contextmanager
 def replacing(*paths: Path) -> Iterator[list[Path]]:
-    """Gives temporary paths beside these, which take their places if the block ends well.
+    """Gives temporary paths, which replace these paths if the block succeeds.
 
-    They take them in this order, once they are all on the disk. A temporary name has the suffix of
-    its path, and the names of paths that differ in their suffix differ in nothing else.
+    They are replaced in this order, once all files are on the disk. A temporary name has the suffix
+    of its path, and the names of paths that differ in their suffix differ in nothing else.
     """
     temporary = [_temporary(path) for path in paths]
     try:
@@ -64,11 +64,11 @@ def replacing(*paths: Path) -> Iterator[list[Path]]:
 
 @contextlib.contextmanager
 def swapping(folder: Path) -> Iterator[Path]:
-    """Gives a copy of a folder to change, which takes the folder's place if the block ends well.
+    """Gives a copy of a folder to change, which replaces the folder if the block succeeds.
 
-    It takes it in one rename: nobody ever sees some files of before and some of after. Files that
-    stay are the same ones (hard links), so that a file must be replaced and not written into. One
-    process after the other swaps folders of the same parent.
+    It is replaced in one rename, so no reader sees a mix of old and new files. Unchanged files are
+    hard links, so replace a file rather than write into it. Processes take turns to swap folders of
+    the same parent.
     """
     folder.mkdir(parents=True, exist_ok=True)
     folder = folder.resolve()
@@ -105,7 +105,7 @@ def write_text(path: Path, text: str) -> None:
 
 
 def leftovers(folder: Path, name: str) -> Iterator[Path]:
-    """What a kill left half written of files of that name, which may be a pattern."""
+    """Incomplete files of that name (or pattern) that a kill left behind."""
     stem, suffix = os.path.splitext(name)
     return folder.glob(f".{stem}.[0-9]*.tmp{suffix}")
 

@@ -1,4 +1,4 @@
-"""The paper's grid as this repository publishes it: a run folder per task, some perhaps missing."""
+"""The published grid of the paper's tasks: a run folder per task; some may be missing."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""What the paper reports, to set our results beside: task titles and efficient step counts."""
+"""Values from the paper for comparison: task titles and efficient step counts."""
 
 import pandas as pd
 

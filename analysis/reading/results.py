@@ -33,11 +33,11 @@ _REPEATED_COLUMNS = "{path}: names the column(s) {names} twice"
 _WRONG_LENGTH = "{path}, line {line}: {got} values where the header names {expected} columns"
 _BAD_VALUE = "{path}, line {line}: {column} is {value!r}, not {expected}"
 _DUPLICATES = "results hold more than one row for {rows}; was a run folder given twice?"
-_CUT_SHORT = "{path}: the last line has no line end, so it was cut short in writing; dropped"
+_CUT_SHORT = "{path}: the last line has no line end, so it is incomplete; it is ignored"
 
 
 class NoResults(ValueError):
-    """A results.csv without a complete row: its first test period is still to come."""
+    """A results.csv without a complete row, as before the first test period."""
 
 
 def load(paths: str | Path | Sequence[str | Path]) -> pd.DataFrame:
@@ -49,8 +49,8 @@ def load(paths: str | Path | Sequence[str | Path]) -> pd.DataFrame:
     Raises:
       FileNotFoundError: no results.csv at a path.
       NoResults: a file has no complete row.
-      ValueError: a file lacks columns or holds a value that cannot be, or two rows are of the same
-        task, agent, seed and period. A cut last line only warns.
+      ValueError: a file lacks columns or holds an impossible value, or two rows have the same task,
+        agent, seed and period. An incomplete last line only warns.
     """
     if isinstance(paths, str | Path):
         paths = [paths]
@@ -249,7 +249,7 @@ def read_manifest(folder: Path) -> tuple[dict[str, Any], str]:
     try:
         manifest = json.loads(files.read_text(folder / names.MANIFEST))
     except FileNotFoundError:
-        return {}, "No manifest.json here: the command is what the results ask for."
+        return {}, "No manifest.json here: the command is inferred from the results."
     except (OSError, RecursionError, ValueError) as error:
         return {}, f"manifest.json cannot be read: {error}"
     if not isinstance(manifest, dict):

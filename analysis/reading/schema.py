@@ -1,4 +1,4 @@
-"""The columns of a run folder's results.csv and figure.csv, as every module here knows them."""
+"""The columns of a run folder's results.csv and figure.csv."""
 
 KEY = ("task", "subgoal_layers", "seed", "period")
 """A row of results.csv is one test period (0: untrained) of one seed of one agent."""

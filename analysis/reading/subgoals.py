@@ -1,4 +1,4 @@
-"""Reads what is recorded of policies' subgoals, starts and values, and names what records it."""
+"""Reads records of policies' subgoals, starts and values, and names the command that makes them."""
 
 import json
 from collections.abc import Mapping
@@ -13,7 +13,7 @@ from analysis.reading import names
 _ROOT = Path(__file__).parents[2]
 _KEY = ("task", "subgoal_layers", "seed", "episode", "level", "step", "end_step", "outcome")
 _WORDS = ("task", "outcome")  # columns that hold no numbers
-_MISSING_COLUMNS = "{path}: lacks the column(s) {names}; record it anew with `{command}`"
+_MISSING_COLUMNS = "{path}: lacks the column(s) {names}; record it again with `{command}`"
 
 
 def recording_command(task: str, folder: Path) -> str:
@@ -55,7 +55,7 @@ def _read_table(path: Path) -> pd.DataFrame:
     for name in table:
         column = table[name]
         if name not in _WORDS and len(table) and not pd.api.types.is_numeric_dtype(column):
-            raise ValueError(f"{path}: column {name} holds something else than numbers")
+            raise ValueError(f"{path}: column {name} holds values that are not numbers")
         if column.isna().any():
             raise ValueError(f"{path}: column {name} has empty cells")
     return table

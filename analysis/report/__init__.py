@@ -1,1 +1,1 @@
-"""One self-contained page of what a run folder holds."""
+"""A self-contained page about a run folder."""

@@ -7,7 +7,7 @@ from pathlib import Path
 from analysis import program
 from analysis.report.run_report import write_report
 
-_HELP = """Writes a run folder's report.html again.
+_HELP = """Rewrites a run folder's report.html.
 
   python -m analysis.report runs/pick_place
 

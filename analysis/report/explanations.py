@@ -50,8 +50,8 @@ def _starts(folder: Path, task: str) -> Iterator[Explanation]:
         "starts",
         draw_starts(load_recorded(folder, names.STARTS), load_units(folder)),
         "starts and goals of test episodes, by whether the goal was reached",
-        "Which tests fail. A dot is a test episode whose goal was reached, a cross one that "
-        "failed. Crosses that lie together are a part of the task that is not learnt.",
+        "Which tests fail. A dot is a test episode that reached its goal, a cross one that "
+        "failed. Crosses close together show a part of the task that the agent has not learnt.",
         of_failures=True,
     )
 
@@ -105,7 +105,7 @@ def _stages(table: pd.DataFrame) -> str:
         return " of the trained policies"
     if len(stages) == 1:
         return f" after {stages[0]} training episodes"
-    return ", from left to right as training goes on"
+    return ", from left to right as training continues"
 
 
 def _values(folder: Path, task: str) -> Iterator[Explanation]:
@@ -115,7 +115,8 @@ def _values(folder: Path, task: str) -> Iterator[Explanation]:
             "values",
             draw_values(agents, task),
             "Q of each level over its goals, at the start of a test episode",
-            "What each level's critic expects at the start of a test, for every goal that it could "
-            "be given: about minus the attempts that it would need. Bright goals are near for the "
-            "level. Dimensions that are not drawn are as they are, or as in the end goal.",
+            "What each level's critic expects at the start of a test, for every goal that it "
+            "could be given: about minus the attempts that it would need. Bright goals are near "
+            "for the level. Dimensions that are not drawn keep their current value, or that of "
+            "the end goal.",
         )

@@ -1,4 +1,4 @@
-"""One page over all run folders of a folder: what there is, how it stands, what is at work.
+"""One page about all run folders in a folder: results, progress, and what is running.
 
 Run as `python -m analysis.report.index runs`.
 """
@@ -20,11 +20,11 @@ from analysis.statistics.seeds import last_rows
 
 INDEX = "index.html"
 
-_HELP = """Writes index.html: a page over all run folders of a folder.
+_HELP = """Writes index.html, an overview of all run folders in a folder.
 
   python -m analysis.report.index runs
 
-`launch/run.py` writes it too, again and again while it trains.
+`launch/run.py` also writes it, repeatedly while it trains.
 
 Flags:
 {flags}
@@ -44,7 +44,7 @@ def write_index(
     A run folder whose results are damaged or not there yet is listed with the reason.
 
     Args:
-      at_work: names of the run folders in which training goes on; the page loads itself again.
+      at_work: names of the run folders in which training is running; the page then reloads itself.
       title: the page's, if not the folder's name.
       links: other pages to lead to, relative to this one, by what they are called.
 
@@ -62,7 +62,7 @@ def write_index(
         "index.html",
         title=title or f"Runs in {folder.resolve().name}",
         links=links,
-        headline=f"{count}, {len(at_work)} at work." if at_work else f"{count}.",
+        headline=f"{count}, {len(at_work)} running." if at_work else f"{count}.",
         running=[run["progress"] for run in runs if run["progress"]],
         runs=runs,
     )

@@ -1,4 +1,4 @@
-"""The page of one run folder: what was learnt, whether hierarchy helped, and how to do it again.
+"""The report of one run folder: results, whether hierarchy helped, and how to reproduce them.
 
 Run as `python -m analysis.report runs/pick_place`.
 """
@@ -40,20 +40,20 @@ _FAILURES = ", and which tests fail"  # added to a heading
 _QUANTITIES = (
     (
         "subgoals missed",
-        "The share of the subgoals that a level proposed in training and that the level below did "
-        "not achieve. It should fall: a level learns to ask for what can be done. Random and noisy "
-        "subgoals of exploration count, so that it does not get to 0.",
+        "The share of the subgoals proposed in training that the level below did not achieve. It "
+        "should fall, as a level learns to propose reachable subgoals. Random and noisy subgoals "
+        "of exploration count too, so it does not reach 0.",
     ),
     (
         "mean Q value",
         "What a level's critic expects of its own actor on replayed states: about minus the "
-        "attempts still needed. It rises towards 0 as the level gets faster. A line that lies at "
-        "its floor for many periods means that the critic can no longer tell actions apart.",
+        "attempts still needed. It rises towards 0 as the level gets faster. A line at its floor "
+        "for many periods means that the critic can no longer tell actions apart.",
     ),
     (
         "level 0, level 1, ...",
-        "Level 0 acts on the world. Each level above proposes subgoals to the one below, and the "
-        "highest pursues the end goal. Means over the n seeds that have the quantity.",
+        "Level 0 acts in the environment. Each higher level proposes subgoals to the one below, "
+        "and the top level pursues the end goal. Means over the n seeds that have the quantity.",
     ),
 )
 
@@ -62,7 +62,7 @@ def write_report(run_dir: Path) -> Path:
     """Writes report.html into a run folder and returns its path.
 
     Figures are inside the page; videos, replays, policies and tables are linked by relative paths,
-    so the folder can be moved whole. What the folder lacks is said in its place.
+    so the folder can be moved whole. Missing parts are named in the report.
 
     Raises:
       FileNotFoundError, ValueError: as `load`; also when the folder mixes tasks.
@@ -144,7 +144,7 @@ def _pictures(results: pd.DataFrame) -> dict[str, Picture]:
         "costs": Picture.of(
             draw_costs(with_cost(summary, results)),
             "success rate against environment steps, and against core-minutes",
-            "The same against what it cost one seed: environment steps, and minutes of a core.",
+            "The same against the cost per seed: environment steps, and core-minutes.",
             DOTS_PER_INCH,
         ),
         "diagnostics": Picture.of(
@@ -158,8 +158,8 @@ def _pictures(results: pd.DataFrame) -> dict[str, Picture]:
 
 def _final(results: pd.DataFrame, task: str) -> dict[str, Any]:
     caption = (
-        "Episodes to 80%: median over seeds, one that never got there counting as later than any "
-        "other. Steps to goal: median over seeds of the mean over successful tests of that period."
+        "Episodes to 80%: median over seeds; a seed that never gets there counts as the latest. "
+        "Steps to goal: median over seeds of the mean over successful tests of that period."
     )
     if task in paper.STEPS_TO_GOAL:
         caption += f" The paper's efficient policy takes about {paper.STEPS_TO_GOAL[task]}."
@@ -225,7 +225,7 @@ def _anatomies(run_dir: Path, task: str) -> list[Picture]:
             draw_anatomy(episode),
             f"one test episode of the agent with {paper.agent_name(episode.subgoal_layers)}",
             f"One test episode of the agent with {paper.agent_name(episode.subgoal_layers)}: its "
-            "path, what its levels asked for over time, and what came of it.",
+            "path, the subgoals of its levels over time, and their outcomes.",
             _MANY_PANELS,
         )
         for episode in sorted(episodes, key=lambda episode: episode.subgoal_layers)

@@ -1,4 +1,4 @@
-"""Area under success curves: one number for how soon and how surely an agent learns."""
+"""Area under success curves: one number for how fast and how reliably an agent learns."""
 
 import numpy as np
 import pandas as pd
@@ -12,11 +12,11 @@ EPISODES, STEPS, SECONDS = "train_episodes", "train_steps", "core_seconds"
 def areas(results: pd.DataFrame, budget: float, against: str = EPISODES) -> pd.Series:
     """By seed, the area under the success curve until `budget`, as a share of the largest possible.
 
-    Seeds that ended before are left out: nobody knows what more training would have done.
+    Seeds that ended before are left out, since their success is unknown.
 
     Args:
       results: of one agent on one task.
-      budget: so much of the column `against`, more than 0.
+      budget: an amount of the column `against`, more than 0.
     """
     found = {}
     for seed, curve in results.groupby("seed"):
@@ -30,7 +30,7 @@ def areas(results: pd.DataFrame, budget: float, against: str = EPISODES) -> pd.S
 
 
 def common_budget(results: pd.DataFrame, against: str = EPISODES) -> float:
-    """What all seeds of a task have behind them, of the column `against`."""
+    """The amount of the column `against` that all seeds of a task have reached."""
     return float(results.groupby(["subgoal_layers", "seed"])[against].max().min())
 
 

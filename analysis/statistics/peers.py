@@ -1,4 +1,4 @@
-"""Strangers' curves and ours, and success at equal environment steps and core-minutes."""
+"""Curves of peers and of our agents, and success at equal environment steps and core-minutes."""
 
 from pathlib import Path
 from typing import NamedTuple
@@ -27,8 +27,8 @@ SOLVED = 0.9
 WHOSE = ["task", "agent", "settings"]
 _WORDS = ("task", "agent", "settings")
 COMMAND = "python -m tests.bench.peers"
-_NOTHING = "{folder}: holds no curves of strangers; `{command}` trains some"
-_BAD_CURVE = "{path}: not a stranger's curve ({error}); delete it, and `{command}` trains it anew"
+_NOTHING = "{folder}: holds no curves of peers; train some with `{command}`"
+_BAD_CURVE = "{path}: not a peer's curve ({error}); delete it, and train it again with `{command}`"
 
 
 class Budget(NamedTuple):
@@ -47,7 +47,7 @@ BUDGETS = (
 
 
 def load_curve(path: Path) -> pd.DataFrame:
-    """One stranger's curve.
+    """One peer's curve.
 
     Raises:
       ValueError: the file holds something else; the message names it.
@@ -81,7 +81,7 @@ def load_strangers(folder: Path) -> pd.DataFrame:
 def as_curves(results: pd.DataFrame) -> pd.DataFrame:
     """Our results, as `COLUMNS`. Seeds trained in one process share its time equally.
 
-    That time includes the tests, where a stranger's is the process's own without the tests: our
+    That time includes the tests, while a peer's is the time of its process without tests: our
     agents are charged more.
     """
     return results.assign(
@@ -119,9 +119,9 @@ def compare(curves: pd.DataFrame, budget: Budget) -> pd.DataFrame:
 
 
 def at(curve: pd.DataFrame, column: str, amount: float) -> float:
-    """A seed's success after so much of `column`, on the line between the tests around it.
+    """A seed's success at an amount of `column`, interpolated between the tests around it.
 
-    NaN after its last test: nobody knows what more training would have done.
+    NaN after its last test, where success is unknown.
     """
     curve = curve.sort_values(column)
     return float(np.interp(amount, curve[column], curve["success_rate"], right=np.nan))
@@ -161,6 +161,6 @@ def _early(tests: pd.Series, amount: float) -> bool:
 
 
 def gather(strangers: pd.DataFrame, ours: dict[str, pd.DataFrame]) -> pd.DataFrame:
-    """Strangers' curves after ours on each of their tasks, in the order of Figure 5."""
+    """On each of their tasks, our curves, then the peers', in the order of Figure 5."""
     own = [as_curves(ours[task]) for task in strangers["task"].unique() if task in ours]
     return paper.in_order(pd.concat([*own, strangers], ignore_index=True))

@@ -1,4 +1,4 @@
-"""Tuning studies as their journals have them: trials, their worth, and what mattered."""
+"""Reads tuning studies from their journals: trials, objectives, and which parameters mattered."""
 
 import importlib.util
 from collections.abc import Mapping, Sequence
@@ -149,10 +149,10 @@ def _trials(frozen: Sequence[Any]) -> tuple[Trial, ...]:
 def _importance(study: Any, shuffles: int = SHUFFLES) -> dict[str, Importance]:
     """PED-ANOVA (Watanabe et al. 2023): what sets the best of complete and pruned trials apart.
 
-    Pruned trials count as worse than complete ones, and the less the earlier they were pruned:
-    without them, what a study has learnt to avoid would look unimportant. With a few dozen trials
-    some parameter always looks important. What shuffled trials give is how important it looks where
-    nothing matters.
+    Pruned trials count as worse than complete ones, and as worse the earlier they were pruned.
+    Without them, parameters whose bad values the study avoids would look unimportant. With a few
+    dozen trials some parameter always looks important, so shuffled trials show how important a
+    parameter looks by chance.
     """
     from optuna.trial import TrialState
 

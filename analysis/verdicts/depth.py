@@ -1,4 +1,4 @@
-"""Where a second subgoal layer starts to pay: gains of an agent over a shallower one, judged."""
+"""Judges the gains of an agent over a shallower one: where a second layer starts to pay."""
 
 from collections.abc import Sequence
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""What a claim rests on: measured quantities with intervals, and the rules that judge them."""
+"""The evidence for claims: measured quantities with intervals, and the rules that judge them."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
@@ -67,7 +67,7 @@ class Evidence:
 
 @dataclass(frozen=True)
 class Claim:
-    """A claim of the paper, what our runs say of it, and on what grounds."""
+    """A claim of the paper, our verdict on it, and the evidence."""
 
     letter: str
     statement: str

@@ -33,11 +33,11 @@ _IMPROVEMENT = "probability of improvement in area at {equal}"
 
 @dataclass(frozen=True)
 class Verdict:
-    """What a task's results say of one hierarchy.
+    """The verdict of a task's results on one hierarchy.
 
     Attributes:
       subgoal_layers: of the agent that is judged.
-      rival: what the flat agent is called that it was compared with.
+      rival: the name of the flat agent that it was compared with.
       deciding: the difference in area at equal environment steps, judged.
       minutes: that at equal core-minutes, judged.
       evidence: all that was measured, the deciding difference first.
@@ -84,16 +84,16 @@ class Verdict:
 
     def _what_it_takes(self) -> str:
         if self.seeds_needed is None:
-            return f"With {self.least_seeds} seeds or more of each agent it can be judged."
+            return f"At least {self.least_seeds} seeds of each agent are needed to decide it."
         seen = evidence.direction(self.deciding).removeprefix("a ")
         return (
-            f"If the {seen} at {EQUAL[areas.STEPS]} is what was seen, about {self.seeds_needed} "
-            "seeds of each would tell."
+            f"If the true {seen} at {EQUAL[areas.STEPS]} is the one measured, about "
+            f"{self.seeds_needed} seeds of each agent would decide it."
         )
 
 
 def _says(item: Evidence) -> str:
-    """What a judged difference comes to."""
+    """The verdict on a judged difference in words."""
     if item.verdict == NOT_SUPPORTED and item.high < 0 and item.p_holm < evidence.ALPHA:
         return HURTS
     return {SUPPORTED: HELPS, NOT_SUPPORTED: SMALL}.get(item.verdict, UNDECIDED)
@@ -155,7 +155,8 @@ def _measure(task: str, results: pd.DataFrame, deep: int, rival: Rival) -> list[
         new, old = pairs(results, deep, against)
         if not len(new):
             raise ValueError(
-                f"no seed of {deep} and of 0 subgoal layers was trained: they are compared by seed"
+                f"no seed was trained with both {deep} and 0 subgoal layers, and agents are "
+                "compared by seed"
             )
         found.append(_difference(task, agents, _AREA.format(equal=equal), new - old))
         if against == areas.STEPS:

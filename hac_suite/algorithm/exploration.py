@@ -1,7 +1,7 @@
 """Random streams of an experiment, and the noise they feed.
 
-One stream per (seed, purpose); a round's draws are made ahead and indexed by time, so that what one
-environment or seed does never shifts what another draws.
+There is one stream per (seed, purpose). A round's draws are made ahead and indexed by time, so no
+environment or seed shifts the draws of another.
 """
 
 import enum

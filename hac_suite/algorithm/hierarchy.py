@@ -1,7 +1,7 @@
 """The level state machine: Algorithm 1 over N environments in lock step, by masks.
 
-Level 0 acts; level i > 0 proposes subgoals for level i - 1. Nothing here learns: an episode's
-course is recorded, and `transitions` turns the record into what the replay buffers hold.
+Level 0 acts; level i > 0 proposes subgoals for level i - 1. Nothing here learns: it records
+episodes, and `transitions` turns the record into what the replay buffers hold.
 """
 
 from collections.abc import Callable, Sequence
@@ -16,7 +16,7 @@ from hac_suite.types import Actor, EnvStep, Spaces, VectorEnv, failed
 
 
 class StepView(NamedTuple):
-    """What a spectator of an episode sees, before step 0 and after every step."""
+    """What `on_step` receives, before step 0 and after every step."""
 
     step: int
     active: np.ndarray  # bool [N]
@@ -30,8 +30,8 @@ class StepView(NamedTuple):
 class Hierarchy:
     """Levels' goals, attempts and tests of N environments within one round.
 
-    `run` plays the round in environments of its own. Whoever steps the environments elsewhere
-    calls what it calls: `begin`, and then `choose` and `follow` by turns.
+    `run` steps the environments itself. A caller that steps them elsewhere calls what `run` calls:
+    `begin`, then `choose` and `follow` alternately.
     """
 
     def __init__(
@@ -104,9 +104,9 @@ class Hierarchy:
         return self._centre + self._half_range * self._output[0]
 
     def follow(self, time: int, state: EnvStep, *, last: bool) -> None:
-        """Takes note of the state that the actions of `time` led to; `last`: `max_steps` are up.
+        """Processes the state after the actions of `time`; `last`: `max_steps` is reached.
 
-        An end goal that has moved is judged, and pursued, where it is now.
+        An end goal that has moved is pursued and tested at its new place.
         """
         self.goal[self._top][self._active] = state.desired_goal[self._active]
         reached = self._reached(state)
@@ -221,7 +221,7 @@ class Hierarchy:
         reached: list[np.ndarray],
         state: EnvStep,
     ) -> None:
-        """What became of the subgoals that `level` proposed, and who cut them short."""
+        """Outcomes of the subgoals that `level` proposed, and which level cut them short."""
         outcome = np.where(exhausted, Outcome.MISSED, Outcome.CUT_SHORT)
         outcome = np.where(reached[level - 1], Outcome.ACHIEVED, outcome)
         lost = self._active & state.diverged
@@ -247,7 +247,7 @@ class Hierarchy:
         self._active = self._active & ~over
 
     def view(self, step: int, state: EnvStep) -> StepView:
-        """What a spectator sees after `step` actions, which led to `state`."""
+        """What `on_step` receives after `step` actions, which led to `state`."""
         return StepView(
             step=step,
             active=self._active,

@@ -1,4 +1,4 @@
-"""What a round of episodes leaves behind, for `transitions` to turn into experience."""
+"""The record of a round of episodes, which `transitions` turns into experience."""
 
 import enum
 from collections.abc import Sequence
@@ -10,7 +10,7 @@ from hac_suite.types import EnvStep
 
 
 class Outcome(enum.IntEnum):
-    """What became of the subgoal that a level proposed (Section 3.2)."""
+    """The outcome of a subgoal that a level proposed (Section 3.2)."""
 
     OPEN = 0  # it is still pursued
     ACHIEVED = 1
@@ -102,7 +102,7 @@ class Round(NamedTuple):
         return made
 
     def write_state(self, time: int, state: EnvStep) -> None:
-        """Keeps what `time` actions have led to."""
+        """Records the state after `time` actions."""
         self.observation[time] = state.observation
         self.achieved_goal[time] = state.achieved_goal
         self.achieved_subgoal[time] = state.achieved_subgoal

@@ -1,4 +1,4 @@
-"""Algorithm 2 and hindsight goals: a round's record becomes what each level learns from."""
+"""Algorithm 2 and hindsight goals: turns a round's record into each level's transitions."""
 
 from typing import NamedTuple
 
@@ -79,8 +79,7 @@ def build(
 def penalised(record: LevelRecord, config: Config) -> np.ndarray:
     """bool [H, N]: attempts of a subgoal level that failed their test (Section 3.2).
 
-    One cut short by a higher goal or by the episode's end is no evidence that the subgoal was
-    out of reach.
+    An attempt that was cut short does not show that its subgoal was out of reach.
     """
     failed = record.outcome == Outcome.MISSED
     if config.penalise_cut_short:
@@ -121,10 +120,10 @@ def _transitions(
     reached: np.ndarray,
     terms: _Terms,
 ) -> Transitions:
-    """Rewards are 0 where the goal is achieved, -1 where not, and nothing follows the former.
+    """The reward is 0 (and the discount 0) where the goal is achieved, else -1.
 
-    After a failure nothing follows either, so that -1 would make it better than to live on: it is
-    worth -T_i, the worst that T_i attempts can come to, as a subgoal out of reach is.
+    After a failure the discount is 0 too. A reward of -1 would then make failing better than going
+    on, so the reward is -T_i, the worst of T_i attempts, as for a penalty.
     """
     missed = np.where(attempts.failed, -float(terms.attempts), -1.0)
     return Transitions(
@@ -142,7 +141,7 @@ def _transitions(
 def _penalties(
     recorded: Round, record: LevelRecord, attempts: _Attempts, terms: _Terms, config: Config
 ) -> Transitions:
-    """The proposed subgoal itself, at -T_i and gamma = 0, where it failed its test."""
+    """The proposed subgoal itself, with reward -T_i and discount 0, where it failed its test."""
     failed = penalised(record, config)[attempts.time, attempts.env]
     failures = _Attempts(*(field[failed] for field in attempts))
     failures = failures._replace(action=record.output[failures.time, failures.env])

@@ -33,15 +33,16 @@ class Learner(Protocol):
 
     - No operation mixes seeds: each has its row in every tensor, and gets the same bits in any
       population. `StackedMLP` and `Adam` are made for this.
-    - All that an update changes is in `tensors`. An update draws random numbers from nothing but
-      the seed's own generator at the start and its count of updates: see `td3.smoothing_noise`.
+    - All state that an update changes is in `tensors`. Random numbers come only from the seed's own
+      generator at the start and from its count of updates: see `td3.smoothing_noise`.
     - Memory stays where it is: `of_seeds` and `tensors` give views of it.
 
     Attributes:
-        actor: the networks that explore. As every actor's here, their output goes through a tanh.
-        tested_actor: the networks that test periods run and that policies are made of.
-        on_gpu: whether `update` can be captured as a CUDA graph: the same operations each time,
-            and none of them on the CPU. A learner that cannot is refused on a GPU.
+        actor: the networks that act in training. As for all actors here, their output goes through
+            a tanh.
+        tested_actor: the networks that test periods use and that policies contain.
+        on_gpu: whether `update` can be captured as a CUDA graph: the same operations each time, and
+            none of them on the CPU. Other learners are refused on a GPU.
     """
 
     actor: StackedMLP
@@ -56,7 +57,7 @@ class Learner(Protocol):
         generators: list[torch.Generator],
         device: torch.device | str = "cpu",
     ):
-        """`generators`: one for each seed, on the CPU; all that is random comes from it."""
+        """`generators`: one for each seed, on the CPU: the only source of randomness."""
 
     @abstractmethod
     def of_seeds(self, start: int, stop: int) -> "Learner":
@@ -68,11 +69,11 @@ class Learner(Protocol):
 
     @abstractmethod
     def tensors(self, seed: int) -> dict[str, torch.Tensor]:
-        """Views of all that one seed's updates have made, by name."""
+        """Views of one seed's learnt state, by name."""
 
     @abstractmethod
     def parameters(self) -> list[torch.Tensor]:
-        """Tables [S, P] of trained weights: a seed with one that is not finite is stopped."""
+        """Trained weights, [S, P] each; a seed with a weight that is not finite is stopped."""
 
     @abstractmethod
     def updates(self) -> torch.Tensor:
@@ -80,10 +81,10 @@ class Learner(Protocol):
 
     @abstractmethod
     def diagnose(self, rows: torch.Tensor) -> dict[str, list[float]]:
-        """What results.csv says of each seed, from rows [S, B, width] (overwritten).
+        """Diagnostics of each seed for results.csv, from rows [S, B, width] (overwritten).
 
         Returns:
-            q_mean, q_min: mean and least Q of what the policy would do.
+            q_mean, q_min: mean and least Q of the policy's outputs.
             q_at_bound: share of it at the least value that the critic can have.
             saturation: share of the actor's outputs beyond 0.99.
             A name that is left out is an empty column.

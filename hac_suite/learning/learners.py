@@ -1,4 +1,4 @@
-"""The learners by name: what `Config.learner` may be, and the class that it stands for."""
+"""The learners by name: the values of `Config.learner` and their classes."""
 
 import difflib
 import importlib
@@ -15,7 +15,7 @@ LEARNERS = {
 
 
 def check(word: str) -> None:
-    """Answers a word that cannot be a learner.
+    """Checks that a word can name a learner.
 
     Raises:
         ValueError: it is neither one of the names nor of the form FILE.py:CLASS.
@@ -31,7 +31,7 @@ def check(word: str) -> None:
 
 
 def find(word: str) -> type[Any]:  # of Learner, which needs the config, which needs the names
-    """The learner of that name, or the class of one's own in FILE.py:CLASS.
+    """The learner of that name, or the user's class in FILE.py:CLASS.
 
     Raises:
         ValueError: there is none.

@@ -1,8 +1,7 @@
 """TD3 (Fujimoto et al. 2018): DDPG with twin critics, a smoothed target and a delayed actor.
 
-The target is the lesser of two critics' values of the target actor's action and a little noise,
-and the actor takes one step for several of the critics', so that it follows values that have
-settled. It follows the first critic alone.
+The target is the lesser of two critics' values at the target actor's action plus noise. The actor
+takes one step per several steps of the critics, and follows only the first critic.
 """
 
 from collections.abc import Sequence
@@ -22,8 +21,8 @@ _BASES = 2**31  # where seeds' noise begins; plus a count of updates it is still
 class TD3(DDPG):
     """Actor, two critics, their targets, averages and optimisers of one level for S seeds.
 
-    An update looks at how many there have been, and draws noise on the CPU: no CUDA graph can hold
-    that.
+    An update depends on the count of updates and draws noise on the CPU, so it cannot be captured
+    as a CUDA graph.
     """
 
     on_gpu = False
@@ -109,8 +108,8 @@ class TD3(DDPG):
 
 
 def smoothing_noise(base: int, count: int, shape: tuple[int, ...]) -> torch.Tensor:
-    """Gaussian noise of a seed's update number `count`: the same, whatever was drawn before.
+    """Gaussian noise for a seed's update number `count`, independent of earlier draws.
 
-    A stream that runs on would have to be saved, and would shift if an update drew more of it.
+    A running stream would have to be saved, and would shift if an update drew more from it.
     """
     return torch.randn(shape, generator=torch.Generator().manual_seed(base + count))

@@ -1,4 +1,4 @@
-"""What a training tells while it runs, and the object that it tells it to."""
+"""Callbacks of a training, and the progress that it reports to them."""
 
 from collections.abc import Callable, Iterator
 from typing import NamedTuple
@@ -14,7 +14,7 @@ class Progress(NamedTuple):
 
 
 class Boundary(NamedTuple):
-    """A moment between rounds, at which a training can be saved and gone on with later."""
+    """A moment between rounds, at which a training can be saved to resume later."""
 
     train_episodes: int  # per seed
     tested: bool  # a test period has just ended, and its result been taken
@@ -38,7 +38,7 @@ class LostSeed(NamedTuple):
 
 
 class Callback:
-    """What `train` calls between rounds; nothing happens but what a subclass says.
+    """Called by `train` between rounds. Subclass it; the methods here do nothing.
 
         class Printing(hac_suite.Callback):
             def on_progress(self, progress):
@@ -47,14 +47,14 @@ class Callback:
         for result in hac_suite.train(..., callback=Printing()):
             ...
 
-    What a method raises ends the training.
+    An exception in a method ends the training.
     """
 
     def on_progress(self, progress: Progress) -> None:
         """After each round of episodes and updates."""
 
     def on_boundary(self, boundary: Boundary) -> None:
-        """After each round and each test period, whose result has been taken."""
+        """After each round, and after each test period once its result is consumed."""
 
     def on_lost(self, lost: LostSeed) -> None:
-        """For a seed whose weights are no longer finite, which stops it."""
+        """When a seed stops because its weights are no longer finite."""

@@ -36,8 +36,8 @@ def run_episodes(
     """Runs a policy from the test distribution, one episode in each environment.
 
     Args:
-        seeds: int [N]; each decides its episode's start and goal.
-        config: only whether the top level is held to T_n attempts matters here.
+        seeds: int [N]; each determines its episode's start and goal.
+        config: only `test_until_horizon` matters here.
         on_step: called before the first action and after each one.
     """
     actors = policy.actors(level_specs(env, policy.horizons))

@@ -43,18 +43,18 @@ def train(
 ) -> Iterator[PeriodResult]:
     """Trains one agent per seed; yields each test period, the untrained one (period 0) first.
 
-    A seed's results depend on nothing but the seed, the config and the task: not on the other
-    seeds, and not on whether it was trained in one go.
+    A seed's results depend only on the seed, the config and the task: not on other seeds, nor on
+    whether the training was resumed.
 
     Args:
         make_env: makes a vectorised environment of the given size.
         horizons: (T_0, ..., T_n), n = subgoal_layers.
         device: where the agents learn; "cuda" takes a round of updates as one CUDA graph.
-        start: the seeds' states at an earlier boundary, all of the same episode: the training
-            goes on from there, with the test period that comes next. Taken one by one, since
-            they are large.
-        callback: told how the training goes. A seed whose weights are no longer finite stops; the
-            others go on as if it had never been there. The training ends with its last seed.
+        start: the seeds' states at an earlier boundary, all from the same episode; the training
+            resumes there, with the next test period. They are read one by one, because they are
+            large.
+        callback: receives the progress. A seed whose weights are no longer finite stops, without
+            effect on the others. The training ends when no seed is left.
 
     Raises:
         ValueError: seeds repeat, horizons do not match subgoal_layers, or `start` is not of these
@@ -73,7 +73,7 @@ def train(
 class Training:
     """The state of one training: its population, environments and counters.
 
-    `train` is all that most need; this is for what measures or steps a training itself.
+    Most callers need only `train`; this is for code that measures or steps a training itself.
 
     Attributes:
         population: the agents, and what they have stored.
@@ -143,10 +143,10 @@ class Training:
             yield SeedState(learnt.tensors, {**learnt.numbers, **own})
 
     def restore(self, states: Iterable[SeedState]) -> None:
-        """Becomes what gave these states, one for each seed.
+        """Restores these states, one per seed.
 
         Raises:
-            ValueError: they are of other seeds, or of another config, or not of one episode.
+            ValueError: they belong to other seeds, another config, or different episodes.
         """
         with restoring():
             episodes = set()

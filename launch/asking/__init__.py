@@ -1,1 +1,1 @@
-"""What a person typed: flags in, a checked request or one clear error out."""
+"""Parses the command line: flags in, a checked request or one clear error out."""

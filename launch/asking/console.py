@@ -1,4 +1,4 @@
-"""The one place that prints: what people and files said comes out as it is, or to nobody."""
+"""The only code that prints: it escapes text from users and files, and survives closed outputs."""
 
 import contextlib
 import os
@@ -14,7 +14,7 @@ _GONE = (
 
 
 class Console(rich.console.Console):
-    """A console that takes no text for markup, and that a closed output does not stop."""
+    """A console without markup that survives a closed output."""
 
     def __init__(self, **arguments: Any) -> None:
         """Takes the arguments of rich's own."""

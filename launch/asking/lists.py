@@ -22,7 +22,7 @@ _WORLD_FLAGS = (
 
 
 def define_task(values: flags.FlagValues, default: str | None, help: str) -> None:
-    """Adds --task, and what there is to say of a Gymnasium environment beside its id."""
+    """Adds --task, and the flags for Gymnasium environments."""
     flags.DEFINE_string("task", default, help, values)
     flags.DEFINE_string(
         "task_args",
@@ -159,7 +159,7 @@ def seeds(word: str) -> tuple[int, ...]:
     """`10` is the seeds 0 to 9; with a comma or a dash it is a list of seeds and ranges.
 
     Raises:
-      CommandError: it is neither, names a seed twice, or more seeds than anyone means.
+      CommandError: it is neither, names a seed twice, or names too many seeds.
     """
     parts = [re.fullmatch(r"(\d{1,9})(?:-(\d{1,9}))?", part.strip()) for part in word.split(",")]
     spans = [(int(part[1]), int(part[2] or part[1])) for part in parts if part]
@@ -180,7 +180,7 @@ def seeds(word: str) -> tuple[int, ...]:
 
 
 def attempts(word: str | None, layers: tuple[int, ...]) -> dict[int, tuple[int, ...]]:
-    """By number of subgoal layers, the T of --T; none given: each task's own.
+    """The T of --T by number of subgoal layers; without --T, each task's own.
 
     Raises:
       CommandError: it is not lists of counts, each of an agent that is asked for.

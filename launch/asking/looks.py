@@ -1,4 +1,4 @@
-"""Flags of how a film looks, and what a person sees while it is rendered."""
+"""Flags for the look of a video, and progress while it is rendered."""
 
 import contextlib
 import re

@@ -1,4 +1,4 @@
-"""The training command line: typed words in; a checked Request or one clear CommandError out."""
+"""The training command line: arguments in, a checked Request or one clear CommandError out."""
 
 import importlib.util
 import os
@@ -38,7 +38,7 @@ Exit status: 0 all done; 1 some runs failed, the others are kept; 2 the command 
 
 
 class Request(NamedTuple):
-    """What one launch is to achieve."""
+    """What one launch is asked to do."""
 
     tasks: tuple[str, ...]
     subgoal_layers: tuple[int, ...]
@@ -95,7 +95,7 @@ def read(values: flags.FlagValues, argv: Sequence[str], config: Path = DEFAULT_C
 
 
 def _of_config(error: BaseException) -> str:
-    """One line of what a config file, or a learner's, did instead of giving what it is to give."""
+    """One line on what went wrong in a config file or a learner's file."""
     if isinstance(error, SystemExit):
         return f"config: its file ends the program ({error})"
     lines = str(error).splitlines() or [""]

@@ -1,4 +1,4 @@
-"""What a process does before all else: settings that libraries read once, and whom it dies with."""
+"""First steps of a process: settings that libraries read at import, and ending with its parent."""
 
 import contextlib
 import os
@@ -14,9 +14,9 @@ _PARENT = "HAC_SUITE_PARENT"  # names the pipe whose other end the parent holds
 
 
 def standard_streams() -> None:
-    """Puts something in the place of standard streams that are closed.
+    """Replaces closed standard streams.
 
-    The next file that is opened would else be the standard error, and get what is printed there.
+    Otherwise the next opened file would become standard error and receive what is printed there.
     """
     for stream in range(3):
         try:
@@ -50,7 +50,7 @@ def child(
 ) -> Iterator[subprocess.Popen[str]]:
     """A process that calls `die_with_the_parent`: it never outlives this one, however this ends.
 
-    It is killed where the block ends before it does.
+    It is killed if it still runs when the block ends.
     """
     reader, writer = os.pipe()
     try:
@@ -75,7 +75,7 @@ def child(
 
 
 def die_with_the_parent() -> None:
-    """Ends this process when the one that began it as a `child` is gone, if one did."""
+    """Ends this process when the process that started it as a `child` is gone."""
     if pipe := os.environ.pop(_PARENT, ""):
         threading.Thread(target=_wait_for_the_end, args=(int(pipe),), daemon=True).start()
 
@@ -86,6 +86,6 @@ def _wait_for_the_end(pipe: int) -> None:
 
 
 def say_that_it_loads() -> None:
-    """Tells a person at a terminal why nothing is seen at first."""
+    """Tells a user at a terminal that loading takes some seconds."""
     if sys.stderr.isatty():
         print("loading torch and MuJoCo, which takes some seconds", file=sys.stderr, flush=True)

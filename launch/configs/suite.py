@@ -1,4 +1,4 @@
-"""The `suite` preset, the default: one recipe for agents with and without subgoal layers.
+"""The `suite` preset, the default: the same hyperparameters for all agents.
 
 Each field is explained in hac_suite/config.py.
 """

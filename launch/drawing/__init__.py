@@ -1,1 +1,1 @@
-"""An episode at a moment: bodies, outlined markers and trails, and lanes of attempts."""
+"""Draws one moment of an episode: bodies, outlined markers and trails, and lanes of attempts."""

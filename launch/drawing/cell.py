@@ -1,4 +1,4 @@
-"""A picture of an episode at any moment: its bodies, and what is drawn over them."""
+"""A picture of an episode at any moment: its bodies, and the overlays."""
 
 from typing import Protocol
 

@@ -1,4 +1,4 @@
-"""Outlined markers of goals and subgoals, the way that was taken, and what subgoals came to."""
+"""Outlined markers of goals and subgoals, trails, and outcomes of subgoals."""
 
 import itertools
 import math

@@ -1,4 +1,4 @@
-"""Ticks, crosses and dashes over a picture: what became of subgoals, where their markers were."""
+"""Ticks, crosses and dashes: outcomes of subgoals, drawn where their markers were."""
 
 from collections.abc import Iterable
 from typing import NamedTuple
@@ -14,7 +14,7 @@ _RIM = 1.25  # times a sign's radius: the ring around it
 
 
 class Sign(NamedTuple):
-    """What became of a subgoal."""
+    """The outcome of a subgoal."""
 
     step: int  # on which it ended
     level: int

@@ -1,8 +1,8 @@
-"""Where the words beside markers stand: off all markers, and still for as long as theirs is.
+"""Places the labels of markers: off all markers, and still while their marker is.
 
-All steps of an episode are looked at beforehand, so that no word jumps aside in the middle of an
-attempt when another level's marker comes near. A box is [2, 2]: the least and the most x and y in
-pixels; NaN where nothing is.
+It considers all steps of an episode in advance, so that no label jumps during an attempt when
+another level's marker comes near. A box is [2, 2]: the least and the most x and y in pixels; NaN
+where nothing is.
 """
 
 from collections.abc import Sequence

@@ -1,4 +1,4 @@
-"""A camera's view of an episode: what part of its sight is shown, and where a point lies in it."""
+"""A camera's view of an episode: which part of it is shown, and where points are in it."""
 
 from collections.abc import Iterable, Sequence
 

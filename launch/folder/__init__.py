@@ -1,1 +1,1 @@
-"""A run folder's files: what they are called, and the only code that reads and writes them."""
+"""A run folder's files: their names, and the only code that reads and writes them."""

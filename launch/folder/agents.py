@@ -1,4 +1,4 @@
-"""Who a run folder's files are of: an agent, and the job that trains some of an agent's seeds."""
+"""Agents, and the jobs that train some of an agent's seeds."""
 
 from typing import NamedTuple
 
@@ -8,7 +8,7 @@ _OVERHEAD = 0.4  # what a population takes whatever its size, in seeds (measured
 
 
 class Agent(NamedTuple):
-    """What a curve in the figure stands for: a task and a number of subgoal layers."""
+    """One curve in the figure: a task and a number of subgoal layers."""
 
     task: str
     subgoal_layers: int

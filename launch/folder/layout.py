@@ -1,4 +1,4 @@
-"""A task's run folder: its layout, its lock, and which seeds are finished in it."""
+"""A task's run folder: its layout, its lock, and its finished seeds."""
 
 import contextlib
 import glob
@@ -18,7 +18,7 @@ from launch.folder.agents import Agent, Job
 
 
 class Ended(NamedTuple):
-    """How far a seed is finished, whatever an interrupted extension has tested beyond that."""
+    """How far a seed is finished, not counting an interrupted extension."""
 
     period: int  # all rows until it are here, and the policy is of it or of a later one
     whole: bool  # no row is missing until the policy's period
@@ -64,7 +64,7 @@ class RunFolder:
         return self.replays / f"{self.task}_{subgoal_layers}layers.html"
 
     def checkpoints_of(self, subgoal_layers: int, seed: int) -> Path:
-        """The folder of a seed's checkpoints: its last ones, or the one that it ended with."""
+        """The folder of a seed's checkpoints: the last two, or the final one."""
         return self.checkpoints / f"{self.task}_{subgoal_layers}layers_seed{seed}"
 
     def drop_checkpoints(self, runs: Iterable[tuple[int, int]]) -> None:
@@ -82,7 +82,7 @@ class RunFolder:
         return self.failures / f"{job.name}.txt"
 
     def log(self, job: Job) -> Path:
-        """What a worker prints while it runs; becomes its failure file if it fails."""
+        """The output of a worker; it becomes the failure file if the worker fails."""
         return self.path / f".{job.name}.log"
 
     @contextlib.contextmanager
@@ -90,7 +90,7 @@ class RunFolder:
         """Makes the folder and keeps other launches out of it; a dead launch's lock is void.
 
         Raises:
-          CommandError: a launch is at work here, or the folder cannot be written.
+          CommandError: another launch uses the folder, or it cannot be written.
         """
         try:
             self.path.mkdir(parents=True, exist_ok=True)
@@ -140,10 +140,10 @@ class RunFolder:
         return all(file.is_file() for file in files)
 
     def prepare(self, runs: Mapping[tuple[int, int], Sequence[Mapping[str, Any]]]) -> int:
-        """Makes the subfolders and drops what stands in the way of training these seeds.
+        """Makes the subfolders and removes files that are in the way of training these seeds.
 
-        A policy stays until the training has one to put in its place, and so do the rows until
-        that policy's period: what is finished is never removed.
+        A policy, and the rows up to its period, stay until the training has replacements: finished
+        results are never removed.
 
         Args:
           runs: (subgoal_layers, seed) of each run that is about to start or to go on, with the
@@ -170,7 +170,7 @@ class RunFolder:
                     yield file
 
     def _leftovers(self) -> Iterator[Path]:
-        """What a kill can leave half written; files of other names are not ours to remove."""
+        """Files that a kill can leave incomplete; other files are not ours to remove."""
         task = glob.escape(self.task)
         yield from self.path.glob(f".{task}_*layers_seeds*-*.log")
         for name in names.WRITTEN_WHOLE:
@@ -203,7 +203,7 @@ class RunFolder:
         return dropped
 
     def note_failure(self, job: Job, reason: str) -> None:
-        """Keeps why a job failed whose worker goes on."""
+        """Records why a job failed while its worker continues."""
         self.failures.mkdir(exist_ok=True)
         self.failure(job).write_text(f"{reason}\n", encoding="utf-8")
 

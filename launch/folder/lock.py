@@ -1,4 +1,4 @@
-"""A run folder's lock: one launch at a time, and readers that see it without ever taking it."""
+"""A run folder's lock: one launch at a time; readers see the lock without taking it."""
 
 import contextlib
 import fcntl
@@ -19,7 +19,7 @@ _STRUCT = "hhqqi4x"  # struct flock of Linux: type, whence, start, length, proce
 
 
 class FolderTaken(OSError):
-    """The folder that a launch works in was moved, removed or replaced under it."""
+    """The run folder was moved, removed or replaced during the launch."""
 
 
 class Lock(NamedTuple):
@@ -70,9 +70,9 @@ def held(folder: Path) -> Iterator[Lock]:
 
 
 def holder(folder: Path) -> dict[str, Any] | None:
-    """What the launch at work wrote into the lock, {} if that is unknown; None if none is.
+    """What the running launch wrote into the lock; {} if unknown, None if no launch runs.
 
-    It takes no lock, not for a moment: a launch that begins would be refused.
+    It takes no lock, not even briefly, since that would make a starting launch fail.
     """
     if not (folder / NAME).is_file():
         return None

@@ -1,4 +1,4 @@
-"""manifest.json: what a run folder's results were made with, and by which commands."""
+"""manifest.json: how a run folder's results were made, and by which commands."""
 
 import contextlib
 import functools

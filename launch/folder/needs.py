@@ -1,4 +1,4 @@
-"""What a training needs of memory and disk, reckoned before it begins, and what a machine has."""
+"""Estimates the memory and disk that a training needs, and compares them with the machine's."""
 
 import heapq
 import itertools

@@ -1,4 +1,4 @@
-"""--tensorboard: the numbers of results.csv once more, as curves that TensorBoard shows."""
+"""--tensorboard: writes the numbers of results.csv as curves for TensorBoard."""
 
 import math
 import shutil

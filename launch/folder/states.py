@@ -1,4 +1,4 @@
-"""Where every run of a run folder stands, from the folder's files alone: done, running, failed."""
+"""The state of every run of a run folder, from its files alone: done, running, failed."""
 
 import math
 import re

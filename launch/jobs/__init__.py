@@ -1,1 +1,1 @@
-"""Jobs: planning them, training them in workers here or on a cluster, keeping what they report."""
+"""Jobs: planning, training in workers here or on a cluster, and recording results."""

@@ -1,4 +1,4 @@
-"""Where interrupted runs stand, and how a worker keeps its own run's standing on the disk."""
+"""Finds where interrupted runs stand, and saves checkpoints while a worker trains."""
 
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -119,7 +119,7 @@ def interrupted(
 
 
 def _of_damage(agent: Agent, seed: int, begins: int, complaints: Sequence[str]) -> list[str]:
-    """What a person is told of a seed's damaged checkpoints."""
+    """Messages about a seed's damaged checkpoints."""
     if not complaints:
         return []
     then = f"resumes from episode {begins}" if begins else "no checkpoint is whole; it starts again"
@@ -257,7 +257,7 @@ class Saver:
             raise SystemExit(f"stopped by a signal; the checkpoint holds all until {until}")
 
     def _save(self, boundary: hac_suite.Boundary) -> None:
-        """A checkpoint that cannot be written is no reason to stop training."""
+        """A checkpoint that cannot be written does not stop training."""
         started = time.monotonic()
         try:
             self._writer.save(boundary.states(), alone=boundary.last)

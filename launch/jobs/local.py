@@ -1,4 +1,4 @@
-"""Runs jobs in worker processes: one dying, however it dies, leaves the others at work."""
+"""Runs jobs in worker processes. If one dies, the others continue."""
 
 import contextlib
 import faulthandler

@@ -1,4 +1,4 @@
-"""What becomes of a job whose machine died: it begins where its own checkpoints stand."""
+"""Restarts a job whose machine died from its own checkpoints."""
 
 from collections.abc import Callable, Mapping
 

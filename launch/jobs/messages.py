@@ -1,4 +1,4 @@
-"""What a worker says to the launch, beside `hac_suite.Progress`, and what hears it."""
+"""Messages from a worker to the launch, beside `hac_suite.Progress`, and their receiver."""
 
 from collections.abc import Callable
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Runs jobs as Ray tasks, each on some machine of a cluster, and elsewhere if that machine dies.
+"""Runs jobs as Ray tasks on the nodes of a cluster; a job moves if its node dies.
 
 A Ray task does no more than watch over one worker process, as `local.execute` does here: what
 goes wrong in that process ends the same way. Machines share the run folder and this code's folder.

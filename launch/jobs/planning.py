@@ -1,4 +1,4 @@
-"""Which jobs there are, and in which order the workers take them."""
+"""Plans the jobs, and the order in which workers take them."""
 
 import heapq
 import itertools

@@ -1,4 +1,4 @@
-"""What a person watches while agents train: a line an agent, from the first second."""
+"""The progress display during training: one line per agent, from the first second."""
 
 import time
 from collections.abc import Iterable

@@ -1,4 +1,4 @@
-"""Writes what the workers report into the run folders; nothing else writes results.csv."""
+"""Writes the workers' reports into the run folders; no other code writes results.csv."""
 
 import contextlib
 import time
@@ -185,7 +185,7 @@ class Recorder:
     def _draw(self, task: str) -> None:
         """Refreshes the figure and the page over all runs.
 
-        What cannot be drawn is no reason to stop training.
+        A figure that cannot be drawn does not stop training.
         """
         folder = self.folders[task]
         runs = folder.path.parent

@@ -1,4 +1,4 @@
-"""What a worker does with a job: trains its population, saves its policies, sends its rows."""
+"""A worker's job: train a population, save its policies, send its rows."""
 
 import functools
 import math

@@ -1,1 +1,1 @@
-"""What a launch leaves to look at: videos, records of subgoals, a summary."""
+"""Pictures of a launch: videos, records of subgoals, a summary."""

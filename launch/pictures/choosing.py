@@ -1,4 +1,4 @@
-"""Which policy and which test episodes to show of an agent."""
+"""Chooses which policy and which test episodes of an agent to show."""
 
 from collections.abc import Sequence
 from typing import NamedTuple

@@ -1,4 +1,4 @@
-"""One test episode of a policy as it is seen: bodies, subgoals, and the way that was taken."""
+"""A recorded test episode of a policy: bodies, subgoals, and the path."""
 
 import math
 from typing import Any, NamedTuple

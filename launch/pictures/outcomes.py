@@ -1,4 +1,4 @@
-"""The colours and signs of what becomes of a subgoal, the same wherever it is drawn."""
+"""The colours and signs of subgoals' outcomes, the same in all pictures."""
 
 import hac_suite
 

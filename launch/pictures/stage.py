@@ -1,4 +1,4 @@
-"""What can be seen of a task without GL: its bodies' shapes and poses, and which are markers.
+"""Shapes and poses of a task's bodies without GL, and which bodies are markers.
 
 Everything comes from the compiled MuJoCo model and state, so a task in a file of one's own is seen
 as the suite's are. `Watched` is all that is asked of an environment.

@@ -1,4 +1,4 @@
-"""Replays test episodes of a policy and keeps every subgoal: where it was, and what came of it."""
+"""Replays test episodes of a policy, and records every subgoal with its outcome."""
 
 from typing import NamedTuple
 

@@ -1,4 +1,4 @@
-"""What a launch leaves to look at once training is over: videos, replays, the report."""
+"""Pictures after training: videos, replays, the report."""
 
 import contextlib
 from collections.abc import Iterable, Sequence

@@ -1,4 +1,4 @@
-"""Renders in a process of its own: the parent's part, which chooses a GL backend and waits."""
+"""Renders in a separate process. This is the parent's part: it chooses a GL backend and waits."""
 
 import contextlib
 import json

@@ -1,1 +1,1 @@
-"""What test episodes of policies come to, as the files that the analysis reads."""
+"""Records test episodes of policies in the files that the analysis reads."""

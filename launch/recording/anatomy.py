@@ -1,4 +1,4 @@
-"""Whole episodes as JSON: the path, and every subgoal with what came of it."""
+"""Whole episodes as JSON: the path, and every subgoal with its outcome."""
 
 from collections.abc import Sequence
 from typing import Any

@@ -1,4 +1,4 @@
-"""Pieces of one experiment that were trained apart, joined: other seeds or agents, one by one."""
+"""Joins separately trained pieces of one experiment: other seeds or agents."""
 
 import csv
 import io

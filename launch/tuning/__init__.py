@@ -1,1 +1,1 @@
-"""Tuning: the search space, one trial, the journal that trials share, and who carries them out."""
+"""Tuning: the search space, one trial, the shared journal of trials, and the workers."""

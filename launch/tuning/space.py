@@ -1,4 +1,4 @@
-"""The search space of a tuning study, as its file states it."""
+"""The search space of a tuning study, as its file defines it."""
 
 import dataclasses
 import math

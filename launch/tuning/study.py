@@ -1,4 +1,4 @@
-"""A study: trials of one agent that workers and machines share in a journal, and their budget."""
+"""A study: trials of one agent in a journal that workers and machines share, and its budget."""
 
 import contextlib
 import functools

@@ -1,4 +1,4 @@
-"""One trial: trains a setting on the tuning seeds of some tasks, and says what it is worth."""
+"""One trial: trains a configuration on the tuning seeds of some tasks, and scores it."""
 
 import functools
 import time

@@ -1,1 +1,1 @@
-"""The live view: an episode that a person steps, whose goal is dragged, and its page."""
+"""The live view: an episode that the user steps, whose goal can be dragged, and its page."""

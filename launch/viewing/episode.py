@@ -1,4 +1,4 @@
-"""A test episode that is taken step by step, and whose end goal may be moved on the way."""
+"""A test episode that is stepped interactively; its end goal can be moved."""
 
 from collections.abc import Sequence
 from typing import NamedTuple

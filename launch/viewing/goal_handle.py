@@ -1,4 +1,4 @@
-"""Between the place of the end goal's marker, which a person drags, and the goal that it marks.
+"""Converts between the position of the dragged marker and the end goal that it marks.
 
 A task says only where it puts the marker for a goal. The way back is found by trying, so it works
 for every task whose marker moves with its goal.

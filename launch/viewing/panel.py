@@ -1,4 +1,4 @@
-"""What stands beside the picture, as HTML: where each level stands, and what came of subgoals."""
+"""The panel beside the picture, as HTML: the state of each level, and outcomes of subgoals."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from html import escape

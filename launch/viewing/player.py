@@ -1,4 +1,4 @@
-"""Plays an episode at a person's pace: when its next step is due."""
+"""Times the steps of an episode at the chosen speed."""
 
 import numpy as np
 

@@ -1,1 +1,1 @@
-"""Help for people who write a task: a file to begin with, and what is wrong with one."""
+"""Help for authors of tasks: a template, and checks."""

@@ -1,4 +1,4 @@
-"""A task of one's own begun from a model: MJCF in; a working task file and a fuller model out."""
+"""Writes a task for a model: MJCF in; a working task file and a completed model out."""
 
 from pathlib import Path
 from typing import NamedTuple
@@ -18,7 +18,7 @@ _TEMPLATE = Path(__file__).with_name("template.txt")  # of the task file
 
 
 class Begun(NamedTuple):
-    """A task that somebody else goes on with."""
+    """The start of a task for a user to edit."""
 
     code: str  # Python
     xml: str  # MJCF
@@ -29,10 +29,10 @@ def begin(name: str, model: Path, point: str | None = None) -> Begun:
     """The Python and the MJCF of a task for a model.
 
     Args:
-      point: the site or body that is to come to the goal; None takes the end of the chain.
+      point: the site or body that moves to the goal; None takes the end of the chain.
 
     Raises:
-      ValueError: it is none to begin from; one line says why.
+      ValueError: the model cannot be used; one line says why.
     """
     try:
         spec = mujoco.MjSpec.from_file(str(model))

@@ -1,4 +1,4 @@
-"""What is wrong with a task of one's own, and how to mend it."""
+"""Checks a user's task, and says how to fix it."""
 
 import ast
 import inspect
@@ -27,9 +27,9 @@ class Finding(NamedTuple):
     """What one check found.
 
     Attributes:
-      verdict: doubtful is what can be meant so, and mostly is not.
-      text: what is the case.
-      remedy: what to do about it, where it is not good.
+      verdict: "doubtful" may be intended, but usually is not.
+      text: what was found.
+      remedy: what to do about it, if the verdict is not good.
     """
 
     verdict: Verdict
@@ -234,7 +234,7 @@ def _same_as_composer(entry: registry.Entry) -> Iterator[Finding]:
 
 
 def _deterministic(entry: registry.Entry) -> Iterator[Finding]:
-    """A seed decides an episode, whatever was played before."""
+    """A seed determines an episode, whatever was played before."""
     actions, seeds = _actions(entry, _ENVS), np.arange(_ENVS)
     first, second = entry.load_vector(_ENVS), entry.load_vector(_ENVS)
     second.reset(seeds + 100)

@@ -1,4 +1,4 @@
-"""What a model offers to a task: joints that are driven, and a point that they move."""
+"""Finds what a task needs in a model: driven joints, and a point that they move."""
 
 from typing import NamedTuple
 
@@ -44,7 +44,7 @@ def look(model: mujoco.MjModel, path: str, point: str | None) -> Found:
     """What a task can be made from in a model that is read from `path`; see `beginning.begin`.
 
     Raises:
-      ValueError: it is none to begin from; one line says why.
+      ValueError: the model cannot be used; one line says why.
     """
     if not model.nu:
         raise ValueError(f"{path} has no actuators, so an agent cannot act")

@@ -1,1 +1,1 @@
-"""The suite's worlds, one file a family: a model, its task, and the spec of each."""
+"""The suite's tasks, one file per family: a model, its tasks, and their specs."""

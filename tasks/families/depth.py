@@ -1,16 +1,17 @@
 """The same motion in more decisions: two of the suite's tasks at 1, 2 and 4 times their rate.
 
-Where does a second subgoal layer start to pay? `python -m analysis.depth` asks it of these tasks.
-They are no part of `tasks.ALL`: `tasks.find("tasks/families/depth.py:ur5_reacher_400")` finds one.
+Where does a second subgoal layer start to pay? `python -m analysis.depth` answers that on these
+tasks. They are not in `tasks.ALL`: `tasks.find("tasks/families/depth.py:ur5_reacher_400")` finds
+one.
 
 Starts, goals, thresholds, torques and the seconds of an episode are those of the suite's task; only
 the decisions are closer together. At the suite's own rate it is the suite's task, bit for bit.
 
 The physics step stays the suite's as far as the control step allows. At twice the rate they are
 equal, so that an action held for two decisions moves the arm bit for bit as at the suite's rate. At
-four times, the physics step is half as long: the same motion, integrated a little more finely.
-Twice or four times as often, it is seen whether the goal is achieved, and whether the gripper of
-the worm is near enough to the rod to get hold of it.
+four times, the physics step is half as long: the same motion, integrated a little more finely. The
+goal, and whether the worm's gripper is near enough to grasp the rod, are checked two or four times
+as often.
 """
 
 import dataclasses
@@ -26,9 +27,8 @@ def attempts(coarse: Attempts, rate: int) -> Attempts:
     """T of an agent that decides `rate` times as often as one whose T is `coarse`.
 
     Level 0 has `rate` times the attempts, and the levels above as many as before. So a goal of any
-    level stands for as many seconds as at the suite's rate, and what level 0 leaves of the episode
-    is shared as it was there. The rule is the same for every agent; without subgoal layers, T_0 is
-    `max_steps`.
+    level lasts as many seconds as at the suite's rate. The rule is the same for every agent;
+    without subgoal layers, T_0 is `max_steps`.
 
         attempts((6, 6, 6), 2) == (12, 6, 6)
     """

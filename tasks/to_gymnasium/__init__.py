@@ -1,4 +1,4 @@
-"""Our tasks for others: each as a Gymnasium goal environment, and as many of them at once."""
+"""Our tasks as Gymnasium goal environments, single and vectorised."""
 
 from collections.abc import Iterable
 

@@ -1,4 +1,4 @@
-"""A task with spaces that were estimated, or that a person wrote down."""
+"""A task with spaces that were estimated or given in a file."""
 
 import dataclasses
 from collections.abc import Callable, Sequence
@@ -76,13 +76,14 @@ class FittedEnv:
 
 @dataclasses.dataclass(frozen=True)
 class FittedEntry(registry.Entry):
-    """A task that is stepped together only, with a spec that was fitted to it.
+    """A task with a fitted spec, for vectorised stepping only.
 
     Attributes:
       make: makes as many environments, with a seed, without the spec's spaces.
       settings: what the spec was made of.
-      notes: what a person should know of how it is handled.
-      origin: what a run folder's manifest compares, so that results of two worlds do not mix.
+      notes: notes for the user on how it is handled.
+      origin: what a run folder's manifest compares, so that results of different environments do
+        not mix.
       composer: the dm_control task of other spaces, if it is one.
       own_bytes: memory that each environment takes, if it is known.
     """

@@ -1,4 +1,4 @@
-"""Whether a goal is achieved, where the environment and not a box is the judge."""
+"""Decides whether a goal is achieved by the environment's own rule instead of a box."""
 
 import dataclasses
 from collections.abc import Callable
@@ -32,10 +32,10 @@ _NOT_BEST = (
 
 @dataclasses.dataclass(frozen=True)
 class JudgedSpace(goal_space.GoalSpace):
-    """A space of end goals in which somebody else says what achieves a goal.
+    """A space of end goals with a separate judge of when they are achieved.
 
-    Its bounds are as everywhere. Its thresholds only describe: half the width of what is achieved,
-    along each dimension.
+    Its bounds are as in other spaces. Its thresholds only describe the judge: half the width of the
+    region that achieves a goal, along each dimension.
     """
 
     judge: Judge = dataclasses.field(kw_only=True)
@@ -60,15 +60,15 @@ def by_reward(
 ) -> Judge:
     """A judge that asks a Gymnasium goal environment's `compute_reward`.
 
-    What is achieved earns the reward of being exactly at the goal. Rewards for many pairs at once
-    are asked for where that gives the same, and else one by one.
+    A goal is achieved if the reward equals that of being exactly at the goal. Rewards are computed
+    in batches if that gives the same, and else one by one.
 
     Args:
       shape, dtype: of the environment's goals, which are flat here.
       achieved, goals: [K, G] pairs that were seen, to find out which rewards there are.
 
     Raises:
-      ValueError: the rewards do not tell achieved from not; one line says what to do.
+      ValueError: the rewards do not show when a goal is achieved; one line says what to do.
     """
 
     rewards = _Rewards(compute_reward, shape, dtype)

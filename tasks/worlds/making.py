@@ -1,4 +1,4 @@
-"""Making Gymnasium environments: by id, mended where they need it, and without compiling each."""
+"""Makes Gymnasium environments by id, with fixes where needed, and without compiling every copy."""
 
 import contextlib
 import copy
@@ -36,7 +36,7 @@ T = TypeVar("T")
 def maker(word: str, id: str, args: Mapping[str, Any]) -> Callable[[], gymnasium.Env]:
     """What makes copies of the environment of an id, `ID` or `module:ID`.
 
-    They come without a time limit, which is for the engine to keep, and with frames where they can.
+    They have no time limit, since the engine keeps it, and render frames if they can.
 
     Raises (when first called):
       ValueError: it cannot be made; one line says why.
@@ -193,7 +193,7 @@ def _kept(model: mujoco.MjModel, models: list[mujoco.MjModel]) -> mujoco.MjModel
 
 @contextlib.contextmanager
 def _compilers(replaced: Callable[[Callable], Callable]) -> Iterator[None]:
-    """Puts something in the place of MuJoCo's compilers of XML, for a while."""
+    """Temporarily replaces MuJoCo's compilers of XML."""
     own = {name: getattr(mujoco.MjModel, name) for name in _COMPILERS}
     try:
         for name, compiled in own.items():

@@ -1,4 +1,4 @@
-"""What episodes show of a task, and which of it will keep an agent from learning."""
+"""Warnings from episodes: properties of a task that keep an agent from learning."""
 
 from collections.abc import Iterator
 from typing import NamedTuple
@@ -70,7 +70,7 @@ def warnings(
     Args:
       random: episodes of random actions.
       everything: these, and those of an agent that has learnt a little.
-      own: spaces that somebody made for the task; they are held against what was seen.
+      own: spaces chosen by hand for the task, to compare with the episodes.
     """
     found = shares(random)
     if found.held_at_start > _SOME:

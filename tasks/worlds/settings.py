@@ -1,4 +1,4 @@
-"""Scales, bounds and thresholds that a task comes without, as numbers a person can edit."""
+"""Scales, bounds and thresholds that a task lacks, as numbers that users can edit."""
 
 import dataclasses
 import re
@@ -35,7 +35,7 @@ _SURPLUS = "{where}: there is no setting {name!r}; there are {names}"
 
 @dataclasses.dataclass(frozen=True)
 class Settings:
-    """What `tasks.TaskSpec` needs to know that an environment does not say.
+    """What `tasks.TaskSpec` needs and an environment does not provide.
 
     Attributes:
       max_steps: control steps after which an episode is cut off.

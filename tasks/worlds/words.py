@@ -1,4 +1,4 @@
-"""The word `gym:ID` or `gym:module:ID`, with all that a task's other processes need to know."""
+"""The word `gym:ID` or `gym:module:ID`, with all that other processes need to make the task."""
 
 import functools
 import importlib.metadata

@@ -1,4 +1,4 @@
-"""Others' environments for us: copies of a Gymnasium environment as the engine's VectorEnv."""
+"""Third-party environments: copies of a Gymnasium environment as the engine's VectorEnv."""
 
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
@@ -30,7 +30,7 @@ _PAIRS = 64  # episodes whose goals are looked at to learn what compute_reward m
 
 
 class NoFrames(RuntimeError):
-    """The environment gives no pictures, whatever draws them."""
+    """The environment cannot render frames."""
 
 
 class Step(NamedTuple):

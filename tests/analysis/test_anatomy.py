@@ -186,7 +186,7 @@ def test_a_goal_path_of_other_dimensions_is_refused(folder):
     record = _record()
     record["episodes"][0]["goal_path"] = [[0.0]] * 41  # both dimensions are subgoals' as well
     (folder / "pick_place" / "anatomy.json").write_text(json.dumps(record))
-    with pytest.raises(ValueError, match="does not go with the path"):
+    with pytest.raises(ValueError, match="does not match the path"):
         load_episodes(folder / "pick_place", "pick_place")
 
 
@@ -196,7 +196,7 @@ def test_the_command_draws_what_is_recorded_and_names_what_is_not(folder, capsys
     printed = capsys.readouterr().out.splitlines()
     task = "pendulum_climb"
     command = f"python launch/record_subgoals.py --task={task} --output={folder}/{task}"
-    assert printed[0] == f"{task}: no episodes recorded; make them with `{command}`"
+    assert printed[0] == f"{task}: no episodes are recorded; record some with `{command}`"
     assert len(printed) == len(paper.TITLES) - 1 + 2
     for name in printed[-2:]:
         assert (folder / name).stat().st_size > 30_000

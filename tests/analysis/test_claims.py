@@ -203,7 +203,7 @@ def test_what_cannot_be_judged_is_answered_in_one_line(make_grid, tmp_path, caps
     folder = make_grid({1: [[0.0, 0.5]] * 2})
     (folder / WHY_FILE).write_text("[1]")
     assert main(["", "--data", str(folder)]) == 2
-    assert "texts by the letter of their claim" in capsys.readouterr().err
+    assert "letters of claims to texts" in capsys.readouterr().err
 
 
 def test_the_strongest_flat_agent_is_the_one_to_beat(make_grid, make_run, tmp_path):

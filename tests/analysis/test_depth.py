@@ -145,7 +145,7 @@ def test_without_runs_it_says_what_makes_them(tmp_path, put, capsys):
     assert "analysis.depth --commands" in capsys.readouterr().err
     put("depth-pick_place_600", {1: 0.5})
     assert depth.main(["", f"--data={tmp_path}"]) == 2
-    assert "no seed of two agents" in capsys.readouterr().err
+    assert "no two agents have a seed" in capsys.readouterr().err
 
 
 def test_the_commands_train_every_task_of_the_study(capsys, monkeypatch):

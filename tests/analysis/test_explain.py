@@ -123,7 +123,7 @@ def _map_of(folder):
 
 
 def test_a_map_says_which_levels_and_policies_it_is_of(folder):
-    training = "are in test episodes, from left to right as training goes on."
+    training = "are in test episodes, from left to right as training continues."
     assert f"of each level of the agent with 2 subgoal layers {training}" in _map_of(folder).caption
     one = _maps().assign(subgoal_layers=1).query("level == 1 and train_episodes == 300")
     two = _maps().query("level == 2 and train_episodes == 300")

@@ -1,4 +1,4 @@
-"""Strangers beside ours: what a budget bought by hand-computed values, a real curve, and errors."""
+"""Peers beside our agents: hand-computed values at a budget, a real curve, and errors."""
 
 import shutil
 from pathlib import Path
@@ -128,7 +128,7 @@ def test_real_curves_of_tasks_of_which_we_have_no_results(data, tmp_path, capsys
     assert "| pendulum_climb | td3 | ours20 | 2 |" in printed and "after 36,000 |" in printed
     assert "| ur5_reacher | td3 | ours20 | 1 |" in printed and "| 48% after 88,106 |" in printed
     for task in ("pendulum_climb", "ur5_reacher"):
-        assert f"{data}: holds no results of ours on {task}" in printed
+        assert f"{data}: holds none of our results on {task}" in printed
     figure = peers.draw(load_strangers(REAL))
     above, _, climb, reacher = figure.axes
     assert (above.get_xlabel(), climb.get_xlabel()) == ("steps", "core-minutes")
@@ -138,7 +138,7 @@ def test_real_curves_of_tasks_of_which_we_have_no_results(data, tmp_path, capsys
 
 def test_without_curves_the_command_says_what_makes_some(data, tmp_path, capsys):
     assert peers.main(["", f"--peers={tmp_path / 'none'}", f"--data={data}"]) == 2
-    assert "`python -m tests.bench.peers` trains some" in capsys.readouterr().err
+    assert "train some with `python -m tests.bench.peers`" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
@@ -157,5 +157,5 @@ def test_a_damaged_curve_is_named(tmp_path, damage):
     shutil.copy(REAL / path.name, path)
     assert len(load_curve(path)) == 5
     path.write_text(damage(path.read_text()))
-    with pytest.raises(ValueError, match=r"not a stranger's curve.*tests\.bench\.peers"):
+    with pytest.raises(ValueError, match=r"not a peer's curve.*tests\.bench\.peers"):
         load_strangers(tmp_path)

@@ -58,7 +58,9 @@ def test_a_loss_is_called_a_loss_wherever_it_is_told(make_results):
     (found,) = hierarchy.judge(results, {})
     assert found.says == UNDECIDED and found.deciding.value < 0
     assert found.sentence.count("a loss: -") == 2  # at equal steps and at equal minutes
-    assert "If the loss at equal environment steps is what was seen, about" in found.sentence
+    assert (
+        "If the true loss at equal environment steps is the one measured, about" in found.sentence
+    )
     told = [found.sentence, *(item.quantity for item in found.evidence)]
     assert not re.search(r"\bgains?\b", " ".join(told))
 

@@ -43,7 +43,7 @@ PARTS: dict[str, Part] = {
 def main() -> None:
     """Prints tables; writes them as JSON, but for parts alone, unless told where."""
     parser = argparse.ArgumentParser(prog="python -m tests.bench", description=__doc__)
-    parser.add_argument("--part", nargs="+", choices=PARTS, help="measure these parts alone")
+    parser.add_argument("--part", nargs="+", choices=PARTS, help="measure only these parts")
     parser.add_argument("--output", type=Path, help=f"default: {OUTPUT}, or nowhere with --part")
     arguments = parser.parse_args()
     output = arguments.output or (None if arguments.part else OUTPUT)

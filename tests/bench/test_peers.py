@@ -1,4 +1,4 @@
-"""Strangers are trained for what their curves say, and tested as our agents are."""
+"""Peers are trained for what their curves say, and tested as our agents are."""
 
 import dataclasses
 from typing import Any

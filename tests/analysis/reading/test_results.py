@@ -47,7 +47,7 @@ def test_a_cut_last_line_is_dropped_with_a_warning(make_run, cut):
     folder = make_run(CURVES)
     path = folder / "results.csv"
     path.write_text(path.read_text()[:-cut])
-    with pytest.warns(UserWarning, match=r"results\.csv: the last line .* cut short"):
+    with pytest.warns(UserWarning, match=r"results\.csv: the last line .* incomplete"):
         results = load(folder)
     assert len(results) == 5
     assert not ((results["seed"] == 1) & (results["period"] == 1)).any()

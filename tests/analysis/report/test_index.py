@@ -29,7 +29,7 @@ def test_every_run_folder_is_listed_with_its_agents(make_run):
 def test_what_is_at_work_is_said_and_the_page_loads_itself_again(make_run):
     folder = make_run(CURVES).parent
     page = Page(write_index(folder, {"pick_place"}))
-    assert "1 run folder, 1 at work." in page.text
+    assert "1 run folder, 1 running." in page.text
     assert "0 subgoal layers after 300 episodes; 1 subgoal layer after 0 to 300" in page.text
     assert page.values("meta", "http-equiv") == ["refresh"]
     assert Page(write_index(folder)).values("meta", "http-equiv") == []

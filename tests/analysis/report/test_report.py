@@ -242,7 +242,7 @@ def test_the_verdict_and_the_best_agent_are_in_the_first_lines(make_run):
     assert "Hierarchy against the flat agent: with 1 subgoal layer it helps at equal " in text
     alone = make_run({1: [[0.0, 0.5]]}, task="ur5_reacher")
     text = " ".join(Page(write_report(alone)).text.split())
-    assert "Not to be told: this folder holds results of 1 subgoal layer only" in text
+    assert "This cannot be decided yet: this folder holds results of 1 subgoal layer only" in text
 
 
 def test_few_seeds_are_flagged(make_run):

@@ -1,1 +1,1 @@
-"""Strangers on our tasks: stable-baselines3's agents with hindsight, trained and tested as ours."""
+"""Peers: stable-baselines3's agents with hindsight, trained and tested on our tasks as ours are."""

@@ -1,4 +1,4 @@
-"""Trains strangers on our tasks: `python -m tests.bench.peers --task=ur5_reacher --seeds=100-102`.
+"""Trains peers on our tasks: `python -m tests.bench.peers --task=ur5_reacher --seeds=100-102`.
 
 One CSV file for each curve. A curve that is finished is not trained again, so the same command can
 be given after an interruption, or with more of everything. `python -m analysis.peers` compares.
@@ -64,15 +64,17 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--task", default="ur5_reacher", help=f"some of {','.join(tasks.ALL)}")
     parser.add_argument("--agent", default="sac,td3", help=f"some of {','.join(AGENTS)}")
     parser.add_argument("--settings", default="zoo,ours20", help=f"some of {','.join(SETTINGS)}")
-    parser.add_argument("--seeds", default="100-102", help="which: 100-102 or 3,5; 10: 0 to 9")
+    parser.add_argument(
+        "--seeds", default="100-102", help="seeds, such as 100-102 or 3,5; 10: seeds 0 to 9"
+    )
     parser.add_argument("--episodes", type=_at_least(int, 1), default=3000, help="of training")
     parser.add_argument(
-        "--minutes", type=_at_least(float, 0.0), default=10.0, help="core-minutes of a run, at most"
+        "--minutes", type=_at_least(float, 0.0), default=10.0, help="most core-minutes of a run"
     )
     parser.add_argument(
         "--test_every", type=_at_least(int, 1), default=300, help="training episodes between tests"
     )
-    parser.add_argument("--output", type=Path, default=FOLDER, help="a folder for the curves")
+    parser.add_argument("--output", type=Path, default=FOLDER, help="folder for the curves")
     return parser
 
 

@@ -1,4 +1,4 @@
-"""The strangers: stable-baselines3's SAC and TD3 with HerReplayBuffer, on our Gymnasium face.
+"""The peers: stable-baselines3's SAC and TD3 with HerReplayBuffer, on our Gymnasium environments.
 
 What is the library's own stays: its networks also see the achieved goal, it chooses hindsight goals
 when it draws a batch, and a hindsight goal that is achieved ends no episode.

@@ -1,4 +1,4 @@
-"""Curves as files, one for each stranger and seed, and the benchmark's short look at strangers."""
+"""Curves as files, one for each peer and seed, and the benchmark's short run of peers."""
 
 import csv
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -13,7 +13,7 @@ MINUTES = 0.25  # core-minutes of each run of the benchmark
 
 
 class Run(NamedTuple):
-    """One stranger with one seed."""
+    """One peer with one seed."""
 
     task: str
     agent: str
@@ -68,7 +68,7 @@ def write(path: Path, rows: Sequence[dict[str, Any]]) -> None:
 
 
 def peers(say: Callable[[str], None]) -> dict[str, Any]:
-    """What each stranger comes to in a few core-seconds; no curve is written."""
+    """Each peer's success after a few core-seconds; no curve is written."""
     from tests.bench.peers.training import train  # in [dev] only
 
     report = {}

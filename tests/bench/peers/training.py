@@ -1,4 +1,4 @@
-"""A stranger's curve: trained on our Gymnasium face, tested by the episodes that test ours."""
+"""A peer's curve: trained on our Gymnasium environments, tested on the same episodes as ours."""
 
 import time
 from collections.abc import Callable

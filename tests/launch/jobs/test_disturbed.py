@@ -83,7 +83,7 @@ def test_a_launch_stops_in_one_line_rather_than_write_into_what_is_not_its_own(
     status, printed = live(tmp_path, *WORDS, first=before_period(1, disturb))
     assert status == 1 and "Traceback" not in printed, printed
     (line,) = [line for line in printed.splitlines() if line.startswith("error: ")]
-    assert said in line and "what is finished is kept" in line
+    assert said in line and "finished results are kept" in line
     if disturb is replace:
         assert [file.name for file in (tmp_path / TASK).iterdir()] == [lock.NAME]
     if disturb in (empty, remove_the_file):  # all rows come back from the checkpoints
