@@ -3,6 +3,7 @@
 import json
 from collections.abc import Callable
 
+import torch
 from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
 
@@ -30,6 +31,7 @@ def trial(*, quick: bool) -> Callable[[str, st.SearchStrategy, Callable], None]:
     """What calls a function with generated inputs; the quick ones are the same each time."""
 
     def run(name: str, strategy: st.SearchStrategy, check: Callable) -> None:
+        torch.set_flush_denormal(False)  # tests of workers turn it on, and inputs have such numbers
         count, tried = QUICK.get(name, FEW) if quick else THOROUGH[name], [0]
 
         def counted(value) -> None:

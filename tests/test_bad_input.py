@@ -49,12 +49,6 @@ LAUNCH = {
 }  # fmt: skip
 
 
-@pytest.fixture(autouse=True)
-def small_numbers():
-    """Workers count denormal numbers as zero; the inputs here have some."""
-    torch.set_flush_denormal(False)
-
-
 FLAGS = tuple(request.define_flags())
 flag = st.one_of(st.sampled_from(FLAGS), misspelt(FLAGS), st.sampled_from(["config", "help", ""]))
 word = st.one_of(
