@@ -39,30 +39,31 @@ COLUMNS = (
 )  # fmt: skip
 
 METHOD = (
-    "Agents are named by their number of subgoal layers. The seed is the unit everywhere. "
-    "Intervals are 95% bootstrap intervals (BCa) of means over seeds, resampled within each task "
-    "and agent; of counted seeds, exact binomial ones. An interval of no width means that all "
-    "seeds agree, not that more seeds would.",
-    "(a), (b): against the strongest agent without subgoal layers on each task, that with the "
-    "largest mean area; the weaker ones stand beside it and decide nothing. Choosing it by the "
-    "data it is judged by can only favour it.",
-    "Areas, and episodes to 80%, end where the first seed of a task does; a seed that never gets "
-    "to 80% counts as taking until then. p values: permutation test for areas, Mann-Whitney "
-    "for the probability of improvement, log-rank for episodes, sign flips for falls.",
-    f"(a), (c), (e): a gain is not supported if its interval ends below {100 * MARGIN:.0f} points; "
-    f"else supported if it is positive at p < {ALPHA} after Holm's correction over the claim's "
-    "comparisons; else undecided. Probability of improvement and episodes are shown beside it, "
-    "uncorrected, and decide nothing. (e) counts the subgoals of training episodes, random ones "
-    "and those pursued under exploration noise included.",
+    "Agents are named by their number of subgoal layers. The sampling unit is the seed. Intervals "
+    "of means over seeds are 95% bootstrap intervals (BCa), resampled within each task and agent. "
+    "Intervals of counted seeds are exact binomial ones. An interval of zero width means that all "
+    "seeds agree, not that the estimate is exact.",
+    "(a) and (b) compare with the strongest agent without subgoal layers on each task: the one "
+    "with the largest mean area. Weaker ones are shown and decide nothing. Choosing the baseline "
+    "by the data that it is judged on can only favour the baseline.",
+    "Areas and episodes to 80% end where the first seed of a task ends. A seed that never reaches "
+    "80% counts as reaching it there. The p values are from a permutation test for areas, "
+    "Mann-Whitney for the probability of improvement, log-rank for episodes, and sign flips for "
+    "falls.",
+    f"(a), (c), (e): a gain is not supported if its interval ends below {100 * MARGIN:.0f} points. "
+    f"Otherwise it is supported if it is positive with p < {ALPHA} after Holm's correction over "
+    "the claim's comparisons, and undecided if not. Probability of improvement and episodes are "
+    "shown without correction and decide nothing. (e) counts the subgoals of training episodes, "
+    "including random ones and those pursued under exploration noise.",
     f"(b): supported on a task if the share of seeds above {CONSISTENT:.0%} is below "
-    f"{CONSISTENT:.0%} at p < {ALPHA} (binomial, Holm); not supported if it reaches "
+    f"{CONSISTENT:.0%} with p < {ALPHA} (binomial, Holm). Not supported if that share is at least "
     f"{CONSISTENT:.0%}.",
     f"(d): supported if the interval of the ratio lies within {STEPS_BAND[0]} to {STEPS_BAND[1]}, "
     "not supported if it lies outside. (f), (g): supported if the interval of the share lies above "
-    "one half, not supported if below. A claim about all of these needs each of them, so that no "
-    f"correction is due. (g) calls a subgoal near within a rod's length, {100 * NEAR:.0f} cm.",
+    "one half, not supported if below. These claims need all of their parts, so no correction is "
+    f"made. In (g), near means within a rod's length, {100 * NEAR:.0f} cm.",
     f"Fewer than {LEAST_SEEDS} seeds decide nothing. A claim about every task is not supported if "
-    "one task speaks against it.",
+    "it is not supported on one of them.",
 )
 
 

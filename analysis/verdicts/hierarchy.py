@@ -24,7 +24,7 @@ EQUAL = {
     areas.EPISODES: "equal training episodes",
 }
 """What agents are given equal amounts of; the first decides."""
-HELPS, HURTS, SMALL, UNDECIDED = "it helps", "it loses", "no gain worth the name", "undecided"
+HELPS, HURTS, SMALL, UNDECIDED = "it helps", "it loses", "no gain that matters", "undecided"
 
 _AREA = "difference in area under the success curve at {equal}"
 _FINAL = f"difference in success over the last {LATE_PERIODS} test periods"
