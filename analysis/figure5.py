@@ -143,7 +143,7 @@ def _explain(ax: Axes, flats: Sequence[str], against: str) -> None:
             names.append(f"0, {name}")
     ax.legend(handles, names, loc="upper left", frameon=False, handlelength=4)
     note = _NOTE.format(axis=_UNTRAINED if against == "period" else "Dots: test periods.")
-    ax.text(0.05, 0.42, note, transform=ax.transAxes, va="top", color="#555555")
+    ax.text(0.05, 0.0, note, transform=ax.transAxes, va="bottom", color="#555555")
 
 
 def write_figure5(folder: Path, output: Path) -> list[Path]:
