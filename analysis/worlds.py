@@ -64,10 +64,11 @@ def title(task: str) -> str:
 
 def draw(worlds: Worlds, td3: Worlds) -> Figure:
     """A panel for each world: mean success and 95% interval of each agent per test period."""
-    rows = -(-len(worlds) // _COLUMNS)
-    figure = Figure(figsize=(4.4 * _COLUMNS, 3.6 * rows))
+    columns = min(_COLUMNS, len(worlds))
+    rows = -(-len(worlds) // columns)
+    figure = Figure(figsize=(4.4 * columns, 3.6 * rows))
     figure.set_layout_engine("constrained", w_pad=0.06, h_pad=0.06)
-    axes = figure.subplots(rows, _COLUMNS, sharey=True, squeeze=False).ravel()
+    axes = figure.subplots(rows, columns, sharey=True, squeeze=False).ravel()
     for ax, (task, results) in zip(axes, worlds.items(), strict=False):
         summary = success_per_period(results)
         plot_success(ax, summary, legend=False)

@@ -41,10 +41,11 @@ def test_all_worlds_are_printed_and_judged_against_the_strongest_flat_agent(fold
 
 def test_a_panel_for_each_world_with_its_td3_curve(folder):
     found = worlds.load_worlds(folder)
-    maze, reacher, empty = worlds.draw(found, worlds.load_td3(folder)).axes
+    maze, reacher = worlds.draw(found, worlds.load_td3(folder)).axes
     assert (maze.get_title(), reacher.get_title()) == ("Maze U-v3", "Reacher")
     assert (len(maze.lines), len(reacher.lines)) == (2, 3)
-    assert not empty.axison
+    more = worlds.draw({**found, "third": found["reacher"], "fourth": found["reacher"]}, {}).axes
+    assert [ax.axison for ax in more] == [True] * 4 + [False] * 2  # two rows of three
 
 
 def test_a_folder_without_worlds_is_refused_in_one_line(tmp_path, capsys):
