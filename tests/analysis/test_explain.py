@@ -86,7 +86,7 @@ def test_every_picture_is_written_and_in_the_report(folder, capsys):
     page = write_report(folder).read_text()
     for shown in explanations(folder, TASK):
         assert shown.description in page
-    assert "Nothing is recorded" not in page
+    assert "No episodes are recorded" not in page
 
 
 @pytest.mark.slow

@@ -59,7 +59,7 @@ def test_what_failed_is_named_with_its_reason_and_the_command_that_tries_again(t
     reason, file, command = printed[-3:]
     assert reason.startswith(f"failed: {TASK}, 1 subgoal layer, seeds 0, 1: RuntimeError: told to")
     assert Path(file.split()[1]).read_text().strip().endswith("told to fail")
-    assert command == "to go on: python " + " ".join(
+    assert command == "to resume: python " + " ".join(
         words(tmp_path, BOTH, "--seeds=2", "--periods=2", "--workers=1")
     )
     (tmp_path / "fail").unlink()
@@ -109,7 +109,7 @@ def test_a_running_experiment_and_the_same_one_killed(tmp_path, capsys):
     printed = said(folder.path, capsys)
     assert sorted(folder.path.rglob("*")) == before
     assert "interrupted, no process is running; 0 of 4 runs done" in printed[0]
-    assert printed[-1].startswith("to go on: python ") and "--seeds=2" in printed[-1]
+    assert printed[-1].startswith("to resume: python ") and "--seeds=2" in printed[-1]
 
 
 def folder_with(

@@ -347,7 +347,7 @@ def test_the_doctor_names_remedies(monkeypatch, capsys):
     assert doctor.main(["launch/doctor.py"]) == 1
     printed = capsys.readouterr().out
     assert "FAIL rendering with nonsense" in printed and "remedy: for rendering" in printed
-    assert "FAIL disk" in printed and "remedy: make room" in printed
+    assert "FAIL disk" in printed and "remedy: free some disk space" in printed
     assert "FAIL memory" in printed and "remedy: give fewer --workers" in printed
 
 
