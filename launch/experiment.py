@@ -235,12 +235,11 @@ def _doubts(launch: Launch, jobs: Sequence[Job]) -> list[str]:
     return needs.doubts(
         jobs,
         launch.workers,
-        _seed_bytes(launch.request),
+        _size_of(launch.request),
         launch.request.out,
         kept=sum(folder.checkpoint_bytes() for folder in launch.folders.values()),
         keep_final=launch.request.keep_final,
         here=launch.cluster is None,
-        copies_bytes=_copies_bytes(launch.request),
     )
 
 
@@ -250,32 +249,24 @@ def need(request: Request) -> needs.Need:
     workers = request.workers or manifest.cores()
     groups = {planning.Group(agent): request.seeds for agent in agents}
     jobs = planning.plan(groups, workers, _episodes(request))
-    return needs.of_jobs(
-        jobs, workers, _seed_bytes(request),
-        keep_final=request.keep_final, copies_bytes=_copies_bytes(request),
-    )  # fmt: skip
+    return needs.of_jobs(jobs, workers, _size_of(request), keep_final=request.keep_final)
 
 
-def _seed_bytes(request: Request) -> Callable[[Job], int]:
-    """What says of a job how large each of its seeds is in the end."""
+def _size_of(request: Request) -> Callable[[Job], needs.Size]:
+    """A function that returns how large each seed of a job is at its end."""
+    # Rounds of training and tests take turns in the same environments.
+    most = max(request.config.episodes_per_round, request.config.test_episodes)
 
-    def seed_bytes(job: Job) -> int:
-        spec, layers = tasks.spec(job.agent.task), job.agent.subgoal_layers
+    def size_of(job: Job) -> needs.Size:
+        task, layers = tasks.find(job.agent.task), job.agent.subgoal_layers
+        spec = task.spec
         attempts = hac_suite.horizons(spec.max_steps, layers, {**spec.horizons, **request.attempts})
-        return needs.of_seed(
+        state = needs.of_seed(
             spec, attempts, request.config, max_steps=spec.max_steps, episodes=job.stop
         )
+        return needs.Size(state, most * task.copy_bytes)
 
-    return seed_bytes
-
-
-def _copies_bytes(request: Request) -> Callable[[Job], int]:
-    """What says of a job how much memory the environments of each seed take.
-
-    Rounds of training and tests take turns in the same environments.
-    """
-    most = max(request.config.episodes_per_round, request.config.test_episodes)
-    return lambda job: most * tasks.find(job.agent.task).copy_bytes
+    return size_of
 
 
 def _prepare(launch: Launch, recorder: Recorder, standing: Iterable[Seeds]) -> None:

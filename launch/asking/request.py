@@ -136,6 +136,29 @@ def define_flags() -> flags.FlagValues:
         values, "periods", 10, "number of test periods after that of the untrained agent", least=1
     )
     flags.DEFINE_string("out", "runs", "folder for the run folders", values)
+    _define_machines(values)
+    flags.DEFINE_boolean("video", True, "make a video and a 3-D replay of each agent", values)
+    flags.DEFINE_list(
+        "keep_policies", [], "test periods whose policies are kept in stages/, as in 0,1,3", values
+    )
+    flags.DEFINE_boolean("tensorboard", False, "write curves for TensorBoard as well", values)
+    flags.DEFINE_boolean(
+        "keep_final",
+        True,
+        "keep the final checkpoint of each seed, to allow more --periods later",
+        values,
+    )
+    flags.DEFINE_boolean(
+        "other_versions",
+        False,
+        "resume even from checkpoints of other versions of MuJoCo, torch, ...",
+        values,
+    )
+    return values
+
+
+def _define_machines(values: flags.FlagValues) -> None:
+    """What trains: how many processes, of which machines, on which device."""
     program.define_count(
         values,
         "workers",
@@ -164,24 +187,6 @@ def define_flags() -> flags.FlagValues:
         "device for learning; auto: the GPU if there is one",
         values,
     )
-    flags.DEFINE_boolean("video", True, "make a video and a 3-D replay of each agent", values)
-    flags.DEFINE_list(
-        "keep_policies", [], "test periods whose policies are kept in stages/, as in 0,1,3", values
-    )
-    flags.DEFINE_boolean("tensorboard", False, "write curves for TensorBoard as well", values)
-    flags.DEFINE_boolean(
-        "keep_final",
-        True,
-        "keep the final checkpoint of each seed, to allow more --periods later",
-        values,
-    )
-    flags.DEFINE_boolean(
-        "other_versions",
-        False,
-        "resume even from checkpoints of other versions of MuJoCo, torch, ...",
-        values,
-    )
-    return values
 
 
 def _request(values: flags.FlagValues, settings_given: ConfigDict) -> Request:

@@ -37,6 +37,13 @@ _MEMORY_LIMITS = (
 )
 
 
+class Size(NamedTuple):
+    """Bytes that one seed takes."""
+
+    state: int  # in memory and in a checkpoint; see `of_seed`
+    copies: int = 0  # in memory only: the environments that it is trained and tested in
+
+
 class Need(NamedTuple):
     """Bytes that a launch takes at most."""
 
@@ -67,50 +74,43 @@ def of_seed(
     return size
 
 
-def _nothing(_: Job) -> int:
-    return 0
-
-
 def of_jobs(
     jobs: Sequence[Job],
     workers: int,
-    seed_bytes: Callable[[Job], int],
+    size_of: Callable[[Job], Size],
     *,
     keep_final: bool,
-    copies_bytes: Callable[[Job], int] = _nothing,
 ) -> Need:
     """What jobs need that so many workers take at a time.
 
     While one is written there are three checkpoints of a seed in training.
 
     Args:
-      seed_bytes: of a seed's state, in memory and in a checkpoint.
-      copies_bytes: of the environments that a seed trains and is tested in, in memory.
+      size_of: a job's size for each of its seeds, at its end.
     """
-    sizes = {job: (len(job.seeds), seed_bytes(job)) for job in jobs}
+    sizes = [(len(job.seeds), *size_of(job)) for job in jobs]
     # Of a seed that is saved there is a copy in memory.
-    states = {job: PROCESS + (seeds + 1) * size for job, (seeds, size) in sizes.items()}
-    memory = _most(workers, (states[job] + len(job.seeds) * copies_bytes(job) for job in jobs))
-    training = _most(workers, (seeds * size for seeds, size in sizes.values()))
-    kept = sum(seeds * size for seeds, size in sizes.values()) if keep_final else training
+    memory = _most(workers, (PROCESS + (n + 1) * state + n * copies for n, state, copies in sizes))
+    states = [n * state for n, state, _ in sizes]
+    training = _most(workers, states)
+    kept = sum(states) if keep_final else training
     return Need(memory, kept + 2 * training)
 
 
 def doubts(
     jobs: Sequence[Job],
     workers: int,
-    seed_bytes: Callable[[Job], int],
+    size_of: Callable[[Job], Size],
     out: Path,
     *,
     kept: int,
     keep_final: bool,
     here: bool,
-    copies_bytes: Callable[[Job], int] = _nothing,
 ) -> list[str]:
     """What a person should know before jobs begin: that they may need more than there is.
 
     Args:
-      seed_bytes, copies_bytes: as in `of_jobs`.
+      size_of: as in `of_jobs`.
       kept: bytes of checkpoints that are there already, and are replaced.
       here: whether they are trained on this machine.
 
@@ -119,10 +119,10 @@ def doubts(
     """
     if not jobs:
         return []
-    need = of_jobs(jobs, workers, seed_bytes, keep_final=keep_final, copies_bytes=copies_bytes)
-    largest = max(jobs, key=seed_bytes)
-    least = PROCESS + 2 * seed_bytes(largest) + copies_bytes(largest)
-    one, (total, free), disk = seed_bytes(largest), memory(), free_disk(out) + kept
+    need = of_jobs(jobs, workers, size_of, keep_final=keep_final)
+    largest = max(jobs, key=size_of)
+    (one, copies), (total, free), disk = size_of(largest), memory(), free_disk(out) + kept
+    least = PROCESS + 2 * one + copies
     if here and least > total:
         raise CommandError(
             _NO_MEMORY.format(who=largest.agent, need=told(least), total=told(total))

@@ -56,13 +56,16 @@ def job(seeds: int, layers: int = 0) -> Job:
 
 def test_only_what_trains_at_a_time_takes_memory():
     jobs = [job(3), job(2, 1), job(1, 2)]
-    need = needs.of_jobs(jobs, 2, lambda _: 10, keep_final=True)
+    need = needs.of_jobs(jobs, 2, lambda _: needs.Size(10), keep_final=True)
     # Three seeds and two, and one more of each that is being saved.
     assert need == (2 * needs.PROCESS + 40 + 30, 6 * 10 + 2 * 50)
-    assert needs.of_jobs(jobs, 2, lambda _: 10, keep_final=False).disk == 3 * 50
-    assert needs.of_jobs(jobs, 9, lambda _: 10, keep_final=True).memory == 3 * needs.PROCESS + 90
+    assert needs.of_jobs(jobs, 2, lambda _: needs.Size(10), keep_final=False).disk == 3 * 50
+    assert (
+        needs.of_jobs(jobs, 9, lambda _: needs.Size(10), keep_final=True).memory
+        == 3 * needs.PROCESS + 90
+    )
     wide = needs.of_jobs(
-        jobs, 2, lambda _: 10, keep_final=True, copies_bytes=lambda job: 100 * (job.seeds != (0,))
+        jobs, 2, lambda job: needs.Size(10, 100 * (job.seeds != (0,))), keep_final=True
     )
     assert wide == (2 * needs.PROCESS + 40 + 30 + 500, need.disk)
 
@@ -109,7 +112,13 @@ def test_checkpoints_that_are_replaced_are_room(tmp_path, monkeypatch):
     def doubts(kept: int, *, keep_final: bool = True) -> list[str]:
         reckoned = [job(1), job(1, 1)]
         return needs.doubts(
-            reckoned, 1, lambda _: 1000, tmp_path, kept=kept, keep_final=keep_final, here=True
+            reckoned,
+            1,
+            lambda _: needs.Size(1000),
+            tmp_path,
+            kept=kept,
+            keep_final=keep_final,
+            here=True,
         )
 
     (line,) = doubts(0)
