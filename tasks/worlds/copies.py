@@ -12,7 +12,6 @@ import numpy as np
 
 from tasks.worlds import making
 
-_GOAL_KEYS = ("observation", "achieved_goal", "desired_goal")
 _NO_GOAL = (
     "{word}: its observations are {space}, not a dictionary of observation, achieved_goal and "
     "desired_goal with a compute_reward: name the elements that are the goal, as in "
@@ -46,14 +45,6 @@ _TUPLES = {
 _SHARED = (
     "{word}: copies of it are not independent: what one does changes another's episode. Keep its "
     "state in the instance, not in the class or the module"
-)
-_ODD_GOALS = (
-    "{word}: its {key} is {space}; goals must be arrays of numbers (a Box): wrap the environment "
-    "so that it has one"
-)
-_UNLIKE_GOALS = (
-    "{word}: its achieved_goal has the shape {achieved} and its desired_goal {desired}: they must "
-    "be the same, because hindsight replaces one by the other"
 )
 _PICTURES = (
     "{word}: its observations have {count} numbers, as images do, but these networks suit a few "
@@ -110,14 +101,14 @@ class Reader:
         if self.goals and options.goal:
             raise ValueError(_HAS_GOAL.format(word=word))
         if not self.goals and not options.goal:
-            raise ValueError(_NO_GOAL.format(word=word, space=_kind(space)))
-        if self.goals and not options.threshold and _method(env, "compute_reward") is None:
+            raise ValueError(_NO_GOAL.format(word=word, space=making.kind(space)))
+        if self.goals and not options.threshold and making.method(env, "compute_reward") is None:
             raise ValueError(_NO_REWARD.format(word=word))
         if options.goal and not options.threshold:
             raise ValueError(_NO_THRESHOLD.format(word=word, goal=options.goal))
         parts = space.spaces if isinstance(space, gymnasium.spaces.Dict) else {}
         if self.goals:
-            _check_goals(word, parts)
+            making.check_goals(word, parts)
         self._space = parts["observation"] if self.goals else space
         self._goal_space = parts["desired_goal"] if self.goals else None
         size = gymnasium.spaces.flatdim(self._space)
@@ -191,37 +182,7 @@ class Reader:
 
 
 def _has_goals(space: gymnasium.Space) -> bool:
-    return isinstance(space, gymnasium.spaces.Dict) and set(_GOAL_KEYS) <= set(space.keys())
-
-
-def _check_goals(word: str, parts: Mapping[str, gymnasium.Space]) -> None:
-    """Refuses goals that are no arrays of numbers, or not alike."""
-    for key in _GOAL_KEYS[1:]:
-        if parts[key].shape is None:
-            raise ValueError(_ODD_GOALS.format(word=word, key=key, space=_kind(parts[key])))
-    achieved, desired = (parts[key].shape for key in _GOAL_KEYS[1:])
-    if achieved != desired:
-        raise ValueError(_UNLIKE_GOALS.format(word=word, achieved=achieved, desired=desired))
-
-
-def _method(env: gymnasium.Env, name: str) -> Callable | None:
-    """A method of the environment or of a wrapper around it."""
-    try:
-        return env.get_wrapper_attr(name)
-    except AttributeError:
-        return None
-
-
-def compute_reward(env: gymnasium.Env) -> Callable:
-    found = _method(env, "compute_reward")
-    assert found is not None
-    return found
-
-
-def _kind(space: gymnasium.Space) -> str:
-    if isinstance(space, gymnasium.spaces.Dict):
-        return f"a dictionary of {', '.join(space.keys())}"
-    return str(space)
+    return isinstance(space, gymnasium.spaces.Dict) and set(making.GOAL_KEYS) <= set(space.keys())
 
 
 def _indices(what: str, text: str, size: int, more: str = "") -> np.ndarray:
@@ -260,12 +221,12 @@ class EnvCopy:
         """
         self.goal = goal
         given = {} if options is None else {"options": dict(options)}
-        with _global_random(None) if self._seeds_global else contextlib.nullcontext():
+        with making.global_random(None) if self._seeds_global else contextlib.nullcontext():
             if self._seeds_global:
                 np.random.seed(seed)
                 random.seed(seed)
             self._seen, _ = self._asked("reset", seed=seed, **given)
-            self._random = _states() if self._seeds_global else None
+            self._random = making.random_states() if self._seeds_global else None
         self._warned = self._warnings()
         return self._reader.view(self._seen, goal)
 
@@ -313,10 +274,10 @@ class EnvCopy:
           EnvFailed: as `reset`.
         """
         own = action.astype(self._space.dtype).reshape(self._space.shape)
-        with _global_random(self._random) if self._seeds_global else contextlib.nullcontext():
+        with making.global_random(self._random) if self._seeds_global else contextlib.nullcontext():
             self._seen, _, terminated, truncated, info = self._asked("step", own)
             if self._seeds_global:
-                self._random = _states()
+                self._random = making.random_states()
         return self._reader.view(self._seen, self.goal), bool(terminated), bool(truncated), info
 
     def _asked(self, method: str, *args: Any, **given: Any) -> tuple:
@@ -334,24 +295,6 @@ class EnvCopy:
                 _FAILED.format(word=self._reader.word, what=f"{method}({options})", error=reason)
             ) from error
         return returned
-
-
-def _states() -> tuple:
-    return np.random.get_state(), random.getstate()
-
-
-@contextlib.contextmanager
-def _global_random(states: tuple | None) -> Iterator[None]:
-    """Lends the process's global generators to an environment, and puts them back."""
-    before = _states()
-    try:
-        if states is not None:
-            np.random.set_state(states[0])
-            random.setstate(states[1])
-        yield
-    finally:
-        np.random.set_state(before[0])
-        random.setstate(before[1])
 
 
 class Pool:

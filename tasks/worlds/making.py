@@ -1,10 +1,11 @@
-"""Makes Gymnasium environments by id, with fixes where needed, and without compiling every copy."""
+"""Makes Gymnasium environments by id, fixed where needed, and checks what they are made of."""
 
 import contextlib
 import copy
 import importlib
 import importlib.util
 import inspect
+import random
 import sys
 import types
 from collections.abc import Callable, Iterator, Mapping
@@ -26,6 +27,15 @@ _DISCRETE = (
     "discrete actions are not supported"
 )
 _UNBOUNDED = "{word}: its actions have no bounds ({space}); wrap it in gymnasium's RescaleAction"
+_ODD_GOALS = (
+    "{word}: its {key} is {space}; goals must be arrays of numbers (a Box): wrap the environment "
+    "so that it has one"
+)
+_UNLIKE_GOALS = (
+    "{word}: its achieved_goal has the shape {achieved} and its desired_goal {desired}: they must "
+    "be the same, because hindsight replaces one by the other"
+)
+GOAL_KEYS = ("observation", "achieved_goal", "desired_goal")
 _PACKAGES = ("gymnasium_robotics",)  # asked where no module is named
 _COMPILERS = ("from_xml_path", "from_xml_string")
 _COMPARED = 2  # copies of the environment that compile, to see whether they get the same models
@@ -146,6 +156,61 @@ def check_actions(word: str, space: gymnasium.Space) -> gymnasium.spaces.Box:
     if not (np.isfinite(space.low).all() and np.isfinite(space.high).all()):
         raise ValueError(_UNBOUNDED.format(word=word, space=space))
     return space
+
+
+def check_goals(word: str, parts: Mapping[str, gymnasium.Space]) -> None:
+    """Checks that goals are arrays of numbers, of one shape.
+
+    Raises:
+      ValueError: they are not; one line says so.
+    """
+    for key in GOAL_KEYS[1:]:
+        if parts[key].shape is None:
+            raise ValueError(_ODD_GOALS.format(word=word, key=key, space=kind(parts[key])))
+    achieved, desired = (parts[key].shape for key in GOAL_KEYS[1:])
+    if achieved != desired:
+        raise ValueError(_UNLIKE_GOALS.format(word=word, achieved=achieved, desired=desired))
+
+
+def kind(space: gymnasium.Space) -> str:
+    """What a message calls a space."""
+    if isinstance(space, gymnasium.spaces.Dict):
+        return f"a dictionary of {', '.join(space.keys())}"
+    return str(space)
+
+
+def random_states() -> tuple:
+    """The states of numpy's and Python's global random generators."""
+    return np.random.get_state(), random.getstate()
+
+
+@contextlib.contextmanager
+def global_random(states: tuple | None) -> Iterator[None]:
+    """Lends the process's global generators to an environment, and puts them back."""
+    before = random_states()
+    try:
+        if states is not None:
+            np.random.set_state(states[0])
+            random.setstate(states[1])
+        yield
+    finally:
+        np.random.set_state(before[0])
+        random.setstate(before[1])
+
+
+def method(env: gymnasium.Env, name: str) -> Callable | None:
+    """A method of the environment or of a wrapper around it."""
+    try:
+        return env.get_wrapper_attr(name)
+    except AttributeError:
+        return None
+
+
+def compute_reward(env: gymnasium.Env) -> Callable:
+    """Its method of this name; it must have one."""
+    found = method(env, "compute_reward")
+    assert found is not None
+    return found
 
 
 class CompiledOnce(Generic[T]):

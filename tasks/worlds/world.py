@@ -9,7 +9,7 @@ import numpy as np
 
 from tasks import vector
 from tasks.worlds import estimates, fitted, judging, making
-from tasks.worlds.copies import EnvCopy, Options, Pool, View, compute_reward, finite
+from tasks.worlds.copies import EnvCopy, Options, Pool, View, finite
 
 _NO_LIMIT = "{word}: it has no time limit: give the steps of an episode, as in --max_steps=200"
 _NO_COUNT = "{word}: max_steps is {value}; it takes a count"
@@ -105,7 +105,7 @@ class World:
         achieved, goals = (np.stack(part) for part in zip(*pairs, strict=True))
         return judging.by_reward(
             self.word,
-            compute_reward(self.pool.env),
+            making.compute_reward(self.pool.env),
             reader.goal_shape,
             reader.goal_dtype,
             achieved,

@@ -124,7 +124,9 @@ def _waits(minutes: dict[str, dict[str, float | None]], ratios: dict[str, float]
         for agent, value in agents.items():
             table.add_row(f"{task}: {agent}", "-" if value is None else f"{value:g}")
         if task in ratios:
-            table.add_row(f"{task}: fastest stranger / fastest of ours", f"{ratios[task]:g}")
+            table.add_row(
+                f"{task}: fastest of the other library / fastest of ours", f"{ratios[task]:g}"
+            )
     return table
 
 
