@@ -1,10 +1,11 @@
 """Many environments of one task stepped together, bit for bit as Composer steps each of them."""
 
 import copy
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import mujoco
+import mujoco.batch
 import numpy as np
 from dm_control import composer
 from dm_control.rl import control
@@ -14,6 +15,8 @@ from tasks import base
 _MOST_ENVS = 100_000  # at a time; each has a simulation of its own
 _SEEDS = 2**32  # seeds lie in [0, 2**32)
 _NOT_FINITE = "environment {env}: {error}"
+_STATE = mujoco.mjtState.mjSTATE_INTEGRATION  # what a row of the batch's `state` holds
+_SENSORS_CURRENT = mujoco.mjtStage.mjSTAGE_VEL
 
 
 class VectorStep(NamedTuple):
@@ -89,13 +92,16 @@ class VectorEnv:
         self.reset(np.zeros(num_envs, dtype=np.int64))
 
     def _build_simulations(self) -> None:
-        """Makes N data structures and holds live views of what each step reads and writes."""
-        self._data = [mujoco.MjData(self._model) for _ in range(self.num_envs)]
-        self._controls = [data.ctrl for data in self._data]
-        self._sensors = [data.sensordata for data in self._data]
-        self._equalities = [data.eq_active for data in self._data]
-        self._warnings = [data.warning.number for data in self._data]
-        self._warned_at_reset = np.stack(self._warnings)
+        """Makes N simulations and holds live arrays of what each step reads and writes."""
+        # On one thread: a launch runs a process for each core.
+        self._batch = mujoco.batch.Batch(self._model, self.num_envs, nthread=1, persistent=True)
+        self._controls = self._batch.bind("ctrl")
+        self._sensors = self._batch.bind("sensordata")
+        self._equalities = self._batch.bind("eq_active")
+        self._warnings = self._batch.warning[:, :, 1]  # how often; [:, :, 0] is about the last
+        self._warned_at_reset = self._warnings.copy()
+        # Simulations with an event since their last step, as the event left them.
+        self._after_event: dict[int, mujoco.MjData] = {}
 
     def reset(
         self, seeds: np.ndarray | None = None, *, mask: np.ndarray | None = None, test: bool = False
@@ -138,7 +144,8 @@ class VectorEnv:
         except control.PhysicsError:
             readings = self._task.readings(self._physics)
             self._diverged[i] = True
-        mujoco.mj_copyData(self._data[i], self._model, self._physics.data.ptr)
+        self._after_event.pop(i, None)
+        self._set_state(i, self._physics.data.ptr)
         self._warned_at_reset[i] = self._warnings[i]
         self._readings[i] = np.nan_to_num(readings, posinf=0.0, neginf=0.0)
         self._goals[i] = self._task.goal
@@ -165,33 +172,49 @@ class VectorEnv:
             )
         self._check_finite(actions, chosen)
         if chosen.size:
-            indices = chosen.tolist()
-            self._advance(np.clip(actions, self.action_low, self.action_high), indices)
-            self._read(chosen, indices)
+            self._controls[chosen] = np.clip(actions, self.action_low, self.action_high)[chosen]
+            self._advance(chosen)
+            self._read(chosen)
         return self._view()
 
-    def _advance(self, actions: np.ndarray, indices: list[int]) -> None:
+    def _advance(self, chosen: np.ndarray) -> None:
         """Steps physics in dm_control's order, so that sensors are current afterwards."""
-        model, data, controls = self._model, self._data, self._controls
-        step1, step2, step = mujoco.mj_step1, mujoco.mj_step2, mujoco.mj_step
-        rest = self._substeps - 1
-        for i in indices:
-            controls[i][:] = actions[i]
-            data_i = data[i]
-            step2(model, data_i)
-            if rest:
-                step(model, data_i, rest)
-            step1(model, data_i)
+        if not self._after_event:
+            self._batch.step(chosen, self._substeps, _SENSORS_CURRENT)
+            return
+        late = np.isin(chosen, list(self._after_event))
+        self._batch.step(chosen[~late], self._substeps, _SENSORS_CURRENT)
+        for i in chosen[late].tolist():
+            self._step_after_event(i)
+        if self._substeps > 1:
+            self._batch.step(chosen[late], self._substeps - 1, _SENSORS_CURRENT)
+        else:
+            self._batch.forward(chosen[late], _SENSORS_CURRENT)
 
-    def _read(self, chosen: np.ndarray, indices: list[int]) -> None:
+    def _step_after_event(self, i: int) -> None:
+        """Makes the first physics step after an event, as Composer makes it.
+
+        There a step ends by computing what depends on positions and velocities; an event comes
+        after that, so what was computed does not know of it yet.
+        """
+        data = self._after_event.pop(i)
+        warned = data.warning.number.copy()
+        data.ctrl[:] = self._controls[i]
+        mujoco.mj_step2(self._model, data)
+        self._set_state(i, data)
+        self._warned_at_reset[i] -= data.warning.number - warned
+
+    def _set_state(self, i: int, data: mujoco.MjData) -> None:
+        mujoco.mj_getState(self._model, data, self._batch.state[i], _STATE)
+
+    def _read(self, chosen: np.ndarray) -> None:
         """Takes the readings of the stepped environments, but for those that just diverged."""
         # dm_control raises PhysicsError for any MuJoCo warning that a step adds.
-        warned = self._gather(self._warnings, indices) > self._warned_at_reset[chosen]
-        broken = warned.any(axis=-1)
+        broken = (self._warnings[chosen] > self._warned_at_reset[chosen]).any(axis=-1)
         self._diverged[chosen[broken]] = True
-        readings = self._gather(self._sensors, indices)
+        readings = self._sensors[chosen]
         if self._model.neq:
-            readings = np.concatenate([readings, self._gather(self._equalities, indices)], axis=-1)
+            readings = np.concatenate([readings, self._equalities[chosen]], axis=-1)
         if broken.any():
             chosen, readings = chosen[~broken], readings[~broken]
         if self._task.has_event:
@@ -200,15 +223,11 @@ class VectorEnv:
 
     def _apply_events(self, chosen: np.ndarray, readings: np.ndarray) -> np.ndarray:
         for row in np.flatnonzero(self._task.event_mask(readings)).tolist():
-            simulation = _Simulation(self._model, self._data[chosen[row]])
-            self._task.apply_event(simulation)
-            readings[row] = self._task.readings(simulation)
+            i = int(chosen[row])
+            self._after_event[i] = self._batch.get_data(i)
+            self._change(i, self._task.apply_event)
+            readings[row] = self._task.readings(_Simulation(self._model, self._after_event[i]))
         return readings
-
-    @staticmethod
-    def _gather(views: Sequence[np.ndarray], indices: list[int]) -> np.ndarray:
-        """Copies the views of the listed environments into one array, a row for each."""
-        return np.concatenate([views[i] for i in indices]).reshape(len(indices), -1)
 
     def _view(self) -> VectorStep:
         readings = self._readings
@@ -243,24 +262,35 @@ class VectorEnv:
           i: the environment.
           subgoals: [H] each, the one that the lowest level pursues first; None hides a level's.
         """
-        self._task.place_subgoal_markers(_Simulation(self._model, self._data[i]), subgoals)
+        self._change(i, lambda physics: self._task.place_subgoal_markers(physics, subgoals))
 
     def move_goal(self, i: int, goal: np.ndarray) -> VectorStep:
         """Gives environment i's episode another end goal [G], in natural units, and shows it."""
         self._goals[i] = goal
-        self._task.place_goal_marker(_Simulation(self._model, self._data[i]), self._goals[i])
+        self._change(i, lambda physics: self._task.place_goal_marker(physics, goal))
         return self._view()
 
+    def _change(self, i: int, change: Callable[[_Simulation], None]) -> None:
+        """Lets a function write to environment i's data."""
+        data = self._after_event.get(i)
+        if data is None:
+            data = self._batch.get_data(i)
+        change(_Simulation(self._model, data))
+        self._set_state(i, data)
+
     def simulation(self, i: int) -> tuple[mujoco.MjModel, mujoco.MjData]:
-        """Environment i's model and state, for those who draw them: to be read only."""
-        return self._model, self._data[i]
+        """Environment i's model and a copy of its state, for those who draw them."""
+        data = mujoco.MjData(self._model)
+        mujoco.mj_setState(self._model, data, self._batch.state[i], _STATE)
+        mujoco.mj_forward(self._model, data)
+        return self._model, data
 
     def render(
         self, i: int, *, camera: int | str = 0, height: int = 480, width: int = 640
     ) -> np.ndarray:
         """Returns a picture of environment i, uint8 [height, width, 3], without disturbing it."""
         self._check_open()
-        mujoco.mj_copyData(self._physics.data.ptr, self._model, self._data[i])
+        mujoco.mj_setState(self._model, self._physics.data.ptr, self._batch.state[i], _STATE)
         mujoco.mj_kinematics(self._model, self._physics.data.ptr)
         mujoco.mj_camlight(self._model, self._physics.data.ptr)
         return self._physics.render(height=height, width=width, camera_id=camera).copy()
@@ -268,8 +298,8 @@ class VectorEnv:
     def snapshot(self) -> dict[str, Any]:
         """Where all environments stand: what `restore` of another of this task takes."""
         return {
-            "data": [copy.copy(data) for data in self._data],
-            "warned": self._warned_at_reset.copy(),
+            "state": self._batch.state.copy(),
+            "after_event": copy.deepcopy(self._after_event),
             "readings": self._readings.copy(),
             "goals": self._goals.copy(),
             "diverged": self._diverged.copy(),
@@ -278,9 +308,9 @@ class VectorEnv:
 
     def restore(self, snapshot: Mapping[str, Any]) -> None:
         """Makes all environments stand where those did of which the snapshot is."""
-        for own, data in zip(self._data, snapshot["data"], strict=True):
-            mujoco.mj_copyData(own, self._model, data)
-        self._warned_at_reset[:] = snapshot["warned"]
+        self._batch.state[:] = snapshot["state"]
+        self._after_event = copy.deepcopy(snapshot["after_event"])
+        self._warned_at_reset[:] = self._warnings
         self._readings[:] = snapshot["readings"]
         self._goals[:] = snapshot["goals"]
         self._diverged[:] = snapshot["diverged"]

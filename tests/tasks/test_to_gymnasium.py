@@ -110,7 +110,7 @@ def test_truncates_at_the_horizon_and_not_before():
 def test_a_diverged_episode_is_truncated_and_says_so():
     env = gymnasium.make(_IDS["pendulum_climb"])
     env.reset(seed=0)
-    env.unwrapped._env._data[0].qvel[0] = 1e12
+    env.unwrapped._env._batch.qvel[0, 0] = 1e12
     _, reward, terminated, truncated, info = env.step(np.zeros(1))
     assert (reward, terminated, truncated) == (-1.0, False, True)
     assert (info["is_success"], info["diverged"]) == (False, True)

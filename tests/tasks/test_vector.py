@@ -1,5 +1,7 @@
 """Vectorised stepping equals Composer bit for bit, and survives what goes wrong."""
 
+from pathlib import Path
+
 import mujoco
 import numpy as np
 import pytest
@@ -61,9 +63,12 @@ def test_equals_composer_over_whole_episodes(name, test):
 
 
 _WITH_EVENTS = [name for name in tasks.ALL if tasks.find(name).factory().has_event]
+_ONE_PHYSICS_STEP = (
+    f"{Path(tasks.__file__).parent / 'families' / 'depth.py'}:pick_place_600"  # in a control step
+)
 
 
-@pytest.mark.parametrize("name", _WITH_EVENTS)
+@pytest.mark.parametrize("name", [*_WITH_EVENTS, _ONE_PHYSICS_STEP])
 def test_equals_composer_through_an_event(name):
     """Finds an episode in which something gets attached, and replays it in Composer."""
     env = tasks.load_vector(name, 64)
@@ -71,10 +76,10 @@ def test_equals_composer_through_an_event(name):
     env.reset(seeds)
     idle = env._model.eq_active0
     actions = _random_actions(env, np.random.RandomState(5), blocks=25)
-    active = [np.stack(env._equalities)]
+    active = [env._equalities.copy()]
     for action in actions:
         env.step(action)
-        active.append(np.stack(env._equalities))
+        active.append(env._equalities.copy())
     happened = (active[0] == idle).all(axis=-1) & (active[-1] != idle).any(axis=-1)
     assert happened.any(), "no episode had an event; give the test more of them"
     chosen = np.flatnonzero(happened)[0]
@@ -145,7 +150,7 @@ def test_a_diverged_environment_is_marked_frozen_and_recovers(name):
     twin.reset(_SEEDS)
     actions = np.tile(0.3 * env.action_high, (3, 1))
     before, _ = env.step(actions), twin.step(actions)
-    env._data[1].qvel[0] = 1e12
+    env._batch.qvel[1, 0] = 1e12
     for _ in range(3):
         step, healthy = env.step(actions), twin.step(actions)
         np.testing.assert_array_equal(step.diverged, [False, True, False])
@@ -153,14 +158,14 @@ def test_a_diverged_environment_is_marked_frozen_and_recovers(name):
             _assert_row_equals(step, i, {n: getattr(healthy, n)[i] for n in _MADE})
         _assert_row_equals(step, 1, {n: getattr(before, n)[1] for n in _MADE})
     # MuJoCo set its clock back when it broke down; it was not stepped after that.
-    assert env._data[1].time < 1.5 * env.control_timestep < env._data[0].time
+    assert env._batch.time[1] < 1.5 * env.control_timestep < env._batch.time[0]
     step = env.reset(_SEEDS, mask=np.array([False, True, False]))
     assert not step.diverged.any()
     _assert_row_equals(step, 1, {n: getattr(twin.reset(_SEEDS), n)[1] for n in _MADE})
 
 
-# What a velocity is set to: from what a task shrugs off, or what breaks it steps later, to what
-# breaks it at once.
+# Forces on the last joint, in N or N m: from one that a task shrugs off, or that breaks it steps
+# later, to one that breaks it at once.
 _KICKS = (1e2, 1e3, 1e4, 1e5, 1e6, 1e7, 1e8, 1e9, 1e10, 1e11, 1e12, np.nan)
 
 
@@ -170,8 +175,7 @@ def test_diverges_on_the_step_on_which_composer_raises(name):
     start = env.reset(np.full(env.num_envs, 3))
     actions = _random_actions(env, np.random.RandomState(2))[:30]
     shown = [start, env.step(actions[0])]
-    for data, kick in zip(env._data, _KICKS, strict=True):
-        data.qvel[-1] = kick
+    env._batch.qfrc_applied[:, -1] = _KICKS
     shown += [env.step(action) for action in actions[1:]]
     assert shown[-1].diverged[-1] and not shown[-1].diverged[0]
     environment = tasks.load(name)
@@ -181,7 +185,7 @@ def test_diverges_on_the_step_on_which_composer_raises(name):
         for t, action in enumerate(actions[:, i]):
             _assert_row_equals(shown[t], i, _composer_row(environment, timestep))
             if t == 1:
-                environment.physics.data.qvel[-1] = kick
+                environment.physics.data.qfrc_applied[-1] = kick
             if shown[t + 1].diverged[i]:
                 with pytest.raises(control.PhysicsError):
                     environment.step(action)
@@ -197,13 +201,27 @@ def test_every_warning_that_dm_control_raises_for_counts_as_divergence(warning, 
     env.reset(_SEEDS[:2])
     advance = env._advance
 
-    def warn(actions, indices):
-        advance(actions, indices)
-        env._data[1].warning[warning].number += 1
+    def warn(chosen):
+        advance(chosen)
+        env._warnings[1, warning] += 1
 
     monkeypatch.setattr(env, "_advance", warn)
     step = env.step(np.zeros((2, env.action_low.size)))
     np.testing.assert_array_equal(step.diverged, [False, True])
+
+
+def test_an_event_that_breaks_the_physics_counts_as_divergence(monkeypatch):
+    env = tasks.load_vector(_WITH_EVENTS[0], 2)
+    env.reset(_SEEDS[:2])
+
+    def push_without_end(simulation):
+        simulation.data.qfrc_applied[-1] = np.nan
+
+    monkeypatch.setattr(env._task, "event_mask", lambda readings: np.arange(len(readings)) == 1)
+    monkeypatch.setattr(env._task, "apply_event", push_without_end)
+    idle = np.zeros((2, env.action_low.size))
+    assert not env.step(idle).diverged.any()
+    np.testing.assert_array_equal(env.step(idle).diverged, [False, True])
 
 
 def _nan_position(physics):

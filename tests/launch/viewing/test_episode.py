@@ -72,10 +72,9 @@ def test_a_moved_goal_begins_an_episode_from_where_things_are():
     episode = Episode(env, policy, 0)
     for _ in range(30):
         episode.advance()
-    _, data = env.simulation(0)
-    before, subgoals = data.qpos.copy(), episode.subgoals
+    before, subgoals = env.simulation(0)[1].qpos, episode.subgoals
     episode.move_goal(np.array([0.3, 0.4]))
-    np.testing.assert_array_equal(data.qpos, before)
+    np.testing.assert_array_equal(env.simulation(0)[1].qpos, before)
     assert (episode.step, episode.over) == (0, False)
     np.testing.assert_array_equal(episode.goal, [0.3, 0.4])
     # The top level has answered at once: it proposes what it would for this state and goal.
