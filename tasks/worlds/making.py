@@ -140,9 +140,11 @@ class _PlainEnums:
 
     def __getattr__(self, name: str) -> Any:
         value = getattr(mujoco, name)
-        if not name.startswith("mjt"):
-            return value
-        return types.SimpleNamespace(**{key: int(own) for key, own in value.__members__.items()})
+        if name.startswith("mjt"):
+            members = {key: int(own) for key, own in value.__members__.items()}
+            value = types.SimpleNamespace(**members)
+        setattr(self, name, value)  # every step asks for it some hundred times
+        return value
 
 
 def check_actions(word: str, space: gymnasium.Space) -> gymnasium.spaces.Box:
