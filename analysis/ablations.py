@@ -33,7 +33,7 @@ FOLDER = Path(__file__).parent / "data" / "ablations"
 NAME = "ablations"
 REFERENCE = "paper"
 LABELS = {
-    REFERENCE: "as in the paper",
+    REFERENCE: "preset `paper`",
     "release_2018": "choices of the 2018 release",
     "release_2020": "choices of the 2020 release",
     "no_subgoal_tests": "no subgoal testing",
@@ -156,10 +156,21 @@ def _plot(ax: Axes, own: pd.DataFrame, variants: Sequence[str]) -> None:
     ax.spines[["top", "right"]].set_visible(False)
 
 
+HEADINGS = (
+    "task",
+    "layers",
+    "variant",
+    "n",
+    "last period",
+    "mean of all periods",
+    "minus that of `paper`",
+    "episodes to 80%",
+)
+
+
 def as_text(table: pd.DataFrame) -> str:
     """The comparison as a table in Markdown."""
-    head = "| task | layers | variant | n | last period | mean of all periods | minus the paper's |"
-    lines = [head + " episodes to 80% |", "|---" * 8 + "|"]
+    rows = []
     for row in table.itertuples():
         last = _share(row.final, row.final_low, row.final_high)
         area = _share(row.area, row.area_low, row.area_high)
@@ -169,8 +180,8 @@ def as_text(table: pd.DataFrame) -> str:
             less = f"{100 * row.difference:+.0f} [{low:+.0f}, {high:+.0f}]"
         reached = "-" if pd.isna(row.episodes_to_80) else f"{row.episodes_to_80:.0f}"
         cells = (row.task, row.subgoal_layers, LABELS.get(row.variant, row.variant), row.n)
-        lines.append(f"| {' | '.join(map(str, (*cells, last, area, less, reached)))} |")
-    return "\n".join(lines)
+        rows.append((*cells, last, area, less, reached))
+    return "\n".join(program.markdown_table(HEADINGS, rows))
 
 
 def _share(mean: float, low: float, high: float) -> str:

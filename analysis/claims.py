@@ -4,7 +4,7 @@ import dataclasses
 import json
 import math
 import sys
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +13,7 @@ import pandas as pd
 from analysis import program
 from analysis.reading import grid
 from analysis.reading.files import write_atomically, write_text
+from analysis.verdicts import hierarchy
 from analysis.verdicts.evidence import ALPHA, LEAST_SEEDS, MARGIN, Claim, Evidence
 from analysis.verdicts.learning_claims import CONSISTENT, STEPS_BAND, judge_learning
 from analysis.verdicts.subgoal_claims import NEAR, judge_subgoals
@@ -21,7 +22,8 @@ _HELP = """Tests every claim of the paper's section 4 on the published results.
 
   python -m analysis.claims
 
-writes claims.csv, claims.json and claims.md, and prints the verdicts.
+writes claims.csv, claims.json and claims.md, and prints the verdicts. costs.md says what the gain
+of a hierarchy is at equal environment steps, core-minutes, updates and episodes.
 
 Flags:
 {flags}
@@ -30,7 +32,14 @@ Exit status: 0; 2 a file to read is missing or damaged, or the command was wrong
 
 NAME = "claims"
 WHY_FILE = "claims_why.json"
-"""What we think is why, by the letter of the claim: written by hand, shown beside the verdicts."""
+"""Notes by the letter of the claim: written by hand, shown beside the verdicts."""
+COSTS = "costs.md"
+_ON_COSTS = """# What a hierarchy gains at equal cost
+
+The gain in area under the success curve over the strongest agent without subgoal layers, in points,
+with 95% intervals from pairs of seeds. Episodes times levels are proportional to the updates of all
+levels, and do not depend on the machine; core-minutes do, and include tests.
+"""
 
 HEADINGS = ("claim", "verdict", "measured", "seeds", "quantity", "where")
 COLUMNS = (
@@ -54,7 +63,8 @@ METHOD = (
     f"Otherwise it is supported if it is positive with p < {ALPHA} after Holm's correction over "
     "the claim's comparisons, and undecided if not. Probability of improvement and episodes are "
     "shown without correction and decide nothing. (e) counts the subgoals of training episodes, "
-    "including random ones and those pursued under exploration noise.",
+    "including random ones and those pursued under exploration noise. A subgoal is missed if its "
+    "attempt ended without achieving it, also where the attempt was cut short.",
     f"(b): supported on a task if the share of seeds above {CONSISTENT:.0%} is below "
     f"{CONSISTENT:.0%} with p < {ALPHA} (binomial, Holm). Not supported if that share is at least "
     f"{CONSISTENT:.0%}.",
@@ -97,15 +107,15 @@ def _row(claim: Claim, item: Evidence) -> dict[str, Any]:
 def as_markdown(claims: Sequence[Claim], why: Mapping[str, str]) -> str:
     """The claims with verdicts, reasons and our explanations; all evidence; the method."""
     lines = ["# The paper's claims, and what our runs say", ""]
-    lines += _markdown_table(HEADINGS, map(_summary, claims))
+    lines += program.markdown_table(HEADINGS, map(_summary, claims))
     for claim in claims:
         lines += ["", f"## ({claim.letter}) {claim.statement}", ""]
         lines += [f"**{claim.verdict.capitalize()}**: {claim.reason}.", ""]
         if claim.letter in why:
-            lines += [f"What we think is why: {why[claim.letter]}", ""]
+            lines += [f"Note: {why[claim.letter]}", ""]
         if claim.evidence:
             headings = ("task", "agents", "quantity", "seeds", "value", "p (Holm)", "verdict")
-            lines += _markdown_table(headings, map(_detail, claim.evidence))
+            lines += program.markdown_table(headings, map(_detail, claim.evidence))
     return "\n".join([*lines, "", "## How to read this", "", *(f"- {item}" for item in METHOD), ""])
 
 
@@ -129,13 +139,6 @@ def _seeds(item: Evidence) -> str:
     return " and ".join(map(str, item.seeds))
 
 
-def _markdown_table(
-    headings: Sequence[str], rows: Iterator[tuple[str, ...]] | Sequence[tuple[str, ...]]
-) -> list[str]:
-    cells = [tuple(headings), ("---",) * len(headings), *rows]
-    return [f"| {' | '.join(row)} |" for row in cells]
-
-
 def _as_json(claims: Sequence[Claim], why: Mapping[str, str]) -> str:
     """Everything, for programs; NaN, which JSON does not know, as null."""
     described = [dataclasses.asdict(claim) | {"why": why.get(claim.letter)} for claim in claims]
@@ -150,8 +153,28 @@ def _without_nan(value: Any) -> Any:
     return None if isinstance(value, float) and math.isnan(value) else value
 
 
+def costs(folder: Path) -> str:
+    """A table of each task's gains from hierarchy, at equal amounts of each key of `EQUAL`.
+
+    Tasks without a flat agent and a hierarchy are left out.
+
+    Raises:
+      ValueError: as `judge`.
+    """
+    flats, rows = grid.load_flats(folder), []
+    for task, results in grid.load_grid(folder).items():
+        own = {name: found[task] for name, found in flats.items() if task in found}
+        try:
+            verdicts = hierarchy.judge(results, own)
+        except ValueError:  # not trained yet: nothing to compare
+            continue
+        rows += [(task, *row) for row in hierarchy.costs(verdicts)]
+    headings = ("task", *hierarchy.COST_HEADINGS)
+    return "\n".join([_ON_COSTS, *program.markdown_table(headings, rows), ""])
+
+
 def read_why(folder: Path) -> dict[str, str]:
-    """What we think is why, by claim; nothing where nothing is written.
+    """Notes by claim; none where nothing is written.
 
     Raises:
       ValueError: the file does not hold texts by letters.
@@ -187,12 +210,13 @@ def _judge(data: Path, output: Path) -> None:
     """Writes the files, and prints a row for each claim."""
     claims, why = judge(data), read_why(data)
     paths = write_claims(claims, why, output)
+    write_text(output / COSTS, costs(data))
     for claim in claims:
         print(f"({claim.letter}) {claim.statement}\n    {claim.verdict.upper()}: {claim.reason}")
         if claim.headline is not None:
             item = claim.headline
             print(f"    {item.quantity}, {item.task}, {item.agents}: {item.shown}")
-    print(*paths, sep="\n")
+    print(*paths, output / COSTS, sep="\n")
 
 
 if __name__ == "__main__":

@@ -188,6 +188,12 @@ def define_count(
     flags.DEFINE(parser, name, default, description, values, flags.ArgumentSerializer())
 
 
+def markdown_table(headings: Sequence[str], rows: Iterable[Sequence[object]]) -> list[str]:
+    """The lines of a table in Markdown."""
+    lines = [tuple(headings), ("---",) * len(headings), *rows]
+    return [f"| {' | '.join(map(str, cells))} |" for cells in lines]
+
+
 def over_results(help_text: str, argv: Sequence[str], work: Callable[[list[str]], object]) -> int:
     """Carries out a command whose words are run folders or results, for `work` to read."""
     words = "run folders or results.csv files, such as runs/pick_place"

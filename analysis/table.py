@@ -61,8 +61,7 @@ def tabulate(results: pd.DataFrame) -> pd.DataFrame:
 
 def as_markdown(results: pd.DataFrame) -> list[str]:
     """The lines of the table."""
-    rows = tabulate(results).itertuples(index=False)
-    return [f"| {' | '.join(cells)} |" for cells in (HEADINGS, ("---",) * len(HEADINGS), *rows)]
+    return program.markdown_table(HEADINGS, tabulate(results).itertuples(index=False))
 
 
 def _whole(value: float | None) -> str:

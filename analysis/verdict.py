@@ -62,12 +62,8 @@ def as_text(verdicts: Sequence[hierarchy.Verdict], task: str) -> str:
     """The sentences, and all that was measured as a table in Markdown."""
     lines = [f"# Does hierarchy help on {paper.title(task)}?", ""]
     lines += [f"- {verdict.sentence}" for verdict in verdicts]
-    table = [
-        hierarchy.HEADINGS,
-        ("---",) * len(hierarchy.HEADINGS),
-        *hierarchy.rows(verdicts),
-    ]
-    return "\n".join([*lines, "", *(f"| {' | '.join(map(str, row))} |" for row in table)])
+    table = program.markdown_table(hierarchy.HEADINGS, hierarchy.rows(verdicts))
+    return "\n".join([*lines, "", *table])
 
 
 def main(argv: Sequence[str]) -> int:

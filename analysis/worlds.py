@@ -92,13 +92,16 @@ def _tables(worlds: Worlds, td3: Worlds) -> list[str]:
 
 
 def verdicts(worlds: Worlds, td3: Worlds) -> list[str]:
-    """A line in Markdown for each world and hierarchy."""
-    return [
-        f"- {title(task)}, {verdict.sentence}"
+    """Lines in Markdown: a sentence for each world and hierarchy, and a table of what they gain."""
+    judged = {
+        title(task): hierarchy.judge(results, {_TD3: td3[task]} if task in td3 else {})
         for task, results in worlds.items()
         if results["subgoal_layers"].nunique() > 1
-        for verdict in hierarchy.judge(results, {_TD3: td3[task]} if task in td3 else {})
-    ]
+    }
+    sentences = [f"- {name}, {own.sentence}" for name, found in judged.items() for own in found]
+    rows = [(name, *row) for name, found in judged.items() for row in hierarchy.costs(found)]
+    headings = ("environment", *hierarchy.COST_HEADINGS)
+    return [*sentences, "", *program.markdown_table(headings, rows)]
 
 
 def main(argv: Sequence[str]) -> int:

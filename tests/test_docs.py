@@ -264,6 +264,12 @@ def test_every_column_is_explained():
     assert {*schema.CORE_COLUMNS, *schema.LATER_COLUMNS, *schema.LEVEL_FIELDS} <= explained
 
 
+def test_published_files_name_no_folder_of_a_machine():
+    absolute = re.compile(r"[\"' =](/[a-z]+/[^\"' ]*)")
+    for file in sorted((ROOT / "analysis" / "data").rglob("*.json")):
+        assert not absolute.search(file.read_text()), file
+
+
 def test_the_citation_is_of_this_version():
     citation = yaml.safe_load(text("CITATION.cff"))
     assert citation["version"] == PROJECT["version"]

@@ -6,7 +6,12 @@ import pandas as pd
 from analysis.statistics.seeds import core_seconds
 
 EPISODES, STEPS, SECONDS = "train_episodes", "train_steps", "core_seconds"
-"""What agents can be given equal amounts of, as columns of results."""
+LEVEL_EPISODES = "level_episodes"
+"""What agents can be given equal amounts of, as columns of results.
+
+Episodes times levels are proportional to the updates of all levels, if every level makes as many in
+an episode, as by default. Unlike seconds they do not depend on the machine.
+"""
 
 
 def areas(results: pd.DataFrame, budget: float, against: str = EPISODES) -> pd.Series:
@@ -34,6 +39,9 @@ def common_budget(results: pd.DataFrame, against: str = EPISODES) -> float:
     return float(results.groupby(["subgoal_layers", "seed"])[against].max().min())
 
 
-def with_core_seconds(results: pd.DataFrame) -> pd.DataFrame:
-    """The results with their column `core_seconds` filled where an earlier version lacked it."""
-    return results.assign(core_seconds=core_seconds(results))
+def with_costs(results: pd.DataFrame) -> pd.DataFrame:
+    """The results with `LEVEL_EPISODES`, and `SECONDS` where an earlier version lacked them."""
+    levels = results["subgoal_layers"] + 1
+    return results.assign(
+        core_seconds=core_seconds(results), level_episodes=results[EPISODES] * levels
+    )

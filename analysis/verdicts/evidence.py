@@ -57,12 +57,17 @@ class Evidence:
     @property
     def shown(self) -> str:
         """As in "+41.0 [+33.1, +48.2] points"."""
+        return f"{self.without_unit}{_FORMS[self.unit].suffix}"
+
+    @property
+    def without_unit(self) -> str:
+        """As in "+41.0 [+33.1, +48.2]"."""
         form = _FORMS[self.unit]
         value, low, high = (
             form.number.format(form.scale * number) for number in (self.value, self.low, self.high)
         )
         interval = "(no interval)" if isnan(self.low) else f"[{low}, {high}]"
-        return f"{value} {interval}{form.suffix}"
+        return f"{value} {interval}"
 
 
 @dataclass(frozen=True)

@@ -21,6 +21,7 @@ POWER = 0.8
 EQUAL = {
     areas.STEPS: "equal environment steps",
     areas.SECONDS: "equal core-minutes",
+    areas.LEVEL_EPISODES: "equal episodes times levels",
     areas.EPISODES: "equal training episodes",
 }
 """What agents are given equal amounts of; the first decides."""
@@ -111,7 +112,7 @@ def judge(results: pd.DataFrame, flats: Mapping[str, pd.DataFrame]) -> list[Verd
     """
     task = str(results["task"].iloc[0])
     rival = rivals({task: results}, {name: {task: rows} for name, rows in flats.items()})[task]
-    complete = areas.with_core_seconds(rival.results)
+    complete = areas.with_costs(rival.results)
     layers = sorted(set(complete["subgoal_layers"]))
     if layers[0] != 0 or len(layers) < 2:
         raise ValueError(_nothing(layers))
@@ -124,6 +125,17 @@ def judge(results: pd.DataFrame, flats: Mapping[str, pd.DataFrame]) -> list[Verd
     return [
         _verdict(deep, rival.name, both, items, complete, len(own))
         for deep, both, items in zip(layers[1:], judged, own, strict=True)
+    ]
+
+
+COST_HEADINGS = ("agents", *EQUAL.values())
+
+
+def costs(verdicts: Sequence[Verdict]) -> list[tuple[str, ...]]:
+    """The gains in area at equal amounts of each key of `EQUAL`, under `COST_HEADINGS`."""
+    return [
+        (own.deciding.agents, *(_at_equal(own.evidence, of).without_unit for of in EQUAL))
+        for own in verdicts
     ]
 
 

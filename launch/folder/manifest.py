@@ -224,14 +224,22 @@ def _origin_pairs(old: Any, new: Any) -> list[tuple[str, Any, Any]]:
         (f"{name} (estimated)", spaces[0].get(name), spaces[1].get(name))
         for name in sorted({*spaces[0], *spaces[1]})
     ]
-    there, here = [own and {k: v for k, v in own.items() if k != "settings"} for own in (old, new)]
-    return [*pairs, ("task_file", there, here)]
+    return [*pairs, ("task_file", *map(_origin, (old, new)))]
+
+
+def _origin(own: Any) -> Any:
+    if not own:
+        return own
+    here = {key: value for key, value in own.items() if key != "settings"}
+    # Earlier versions wrote the file's whole path.
+    return {**here, "task": Path(own["task"]).name} if "sha256" in own else here
 
 
 def task_file(task: Any) -> dict[str, Any] | None:
     """Where a task of one's own is from (what `tasks.find` gave); None for the suite's.
 
-    That is its file and what it holds; or a Gymnasium environment, its package and its spaces.
+    That is its file's name and what the file holds; or a Gymnasium environment, its package and its
+    spaces.
     """
     if origin := getattr(task, "origin", None):
         return origin
@@ -240,7 +248,7 @@ def task_file(task: Any) -> dict[str, Any] | None:
     if not path:
         return None
     digest = hashlib.sha256(Path(path).read_bytes()).hexdigest()[:16]
-    return {"task": word, "sha256": digest}
+    return {"task": Path(word).name, "sha256": digest}
 
 
 def now() -> str:

@@ -171,11 +171,12 @@ def test_falls_in_missed_subgoals_by_hand(make_results):
 
 def test_what_is_still_missed_by_hand(make_results):
     results = make_results({1: [[0.0, 0.2, 0.4, 0.6, 0.8], [0.0, 0.5, 0.25]]})
-    results["level1_test_missed"] = results["period"] / 10
+    results["level1_test_achieved"] = 1 - results["period"] / 10
     missed = late_missed(results, 1, 1, "achieved")
     assert missed.to_dict() == pytest.approx({0: 0.4, 1: 0.625})
-    assert late_missed(results, 1, 1, "test_missed").to_dict() == pytest.approx({0: 0.3, 1: 0.1})
-    assert late_missed(results, 2, 1, "test_missed").empty
+    in_tests = late_missed(results, 1, 1, "test_achieved")
+    assert in_tests.to_dict() == pytest.approx({0: 0.3, 1: 0.1})
+    assert late_missed(results, 2, 1, "test_achieved").empty
 
 
 def test_command_line_prints_and_writes_every_claim(make_grid, tmp_path, capsys):
@@ -194,8 +195,14 @@ def test_command_line_prints_and_writes_every_claim(make_grid, tmp_path, capsys)
     assert [claim["letter"] for claim in described["claims"]] == list("abcdefg")
     assert described["claims"][0]["why"] == "the task is easy"
     page = (output / "claims.md").read_text()
-    assert "What we think is why: the task is easy" in page
+    assert "Note: the task is easy" in page
     assert page.count("| (") == 7
+    costs = (output / "costs.md").read_text().splitlines()
+    rows = [line.split(" | ") for line in costs if line.startswith("| pendulum_climb")]
+    assert [row[1] for row in rows] == ["1 against 0", "2 against 0"]
+    assert all(
+        float(cell.split()[0]) > 0 for cell in rows[0][2:]
+    )  # it learns faster, and costs as much
 
 
 def test_what_cannot_be_judged_is_answered_in_one_line(make_grid, tmp_path, capsys):

@@ -41,8 +41,9 @@ def test_area_is_compared_at_equal_steps_minutes_and_episodes(make_results):
     results.loc[deep, "core_seconds"] *= 2
     (found,) = hierarchy.judge(results, {})
     gains = {item.quantity: item.value for item in found.evidence if "area" in item.quantity}
-    steps, improvement, minutes, episodes = gains.values()
+    steps, improvement, minutes, level_episodes, episodes = gains.values()
     assert steps > 0.15 and minutes < -0.15 and episodes == 0
+    assert level_episodes == pytest.approx(minutes)  # two levels: twice the updates
     assert improvement > 0.9  # of a seed at equal environment steps
     assert found.says == HELPS  # environment steps decide
     assert found.short == "it helps at equal environment steps, it loses at equal core-minutes"
@@ -128,7 +129,7 @@ def test_the_command_prints_sentences_and_all_that_was_measured(make_run, capsys
     assert verdict.main(["", str(folder)]) == 0
     printed = capsys.readouterr().out
     assert "- 1 subgoal layer: it helps at equal environment steps (a gain: +" in printed
-    assert printed.count("| 1 against 0 |") == 5
+    assert printed.count("| 1 against 0 |") == 6
     folder.rename(tmp_path / "ours")
     other = make_run({0: like(FAST), 1: like(FAST)})
     assert verdict.main(["", str(tmp_path / "ours"), f"--flat={other}"]) == 0

@@ -194,7 +194,7 @@ def test_our_settings_show_the_networks_what_ours_see():
         axis=1,
     )
     np.testing.assert_allclose(features, expected, rtol=1e-4, atol=1e-5)
-    config = hac_suite.PRESETS["paper"]
+    config = hac_suite.PRESETS["suite"]
     widths = [p.shape[0] for p in model.actor.mu.parameters() if p.ndim == 2]
     assert widths == [*config.hidden_sizes, len(env.action_low)]
     assert (model.gradient_steps, model.replay_buffer.n_sampled_goal) == (40, 2)

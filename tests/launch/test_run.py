@@ -122,6 +122,11 @@ def test_a_task_in_a_file_of_ones_own_is_trained_as_one_of_the_suite(tmp_path):
     assert "mine-swing, 1 subgoal layer: 1 seed(s)" in done.stdout
     results = load(tmp_path / "runs" / "mine-swing")
     assert set(results["task"]) == {"mine-swing"} and len(results) == 2
+    # Another clone has the same file in another folder.
+    (tmp_path / "clone").mkdir()
+    (tmp_path / "clone" / "mine.py").write_text(OWN_TASK)
+    done = run(tmp_path, "--task=clone/mine.py:swing", *words, "--seeds=1", "--novideo")
+    assert (done.returncode, "are finished already" in done.stdout) == (0, True), done.stderr
     (tmp_path / "mine.py").write_text(OWN_TASK + "\n# changed\n")
     done = run(tmp_path, "--task=mine.py:swing", *words, "--seeds=2", "--novideo")
     assert done.returncode == 2 and "task_file is" in done.stderr

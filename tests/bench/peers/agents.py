@@ -74,7 +74,7 @@ def _by_the_zoo(agent: str, settings: Settings, task: str, seed: int) -> Any:
 
 def _by_us(agent: str, settings: Settings, updates: int, task: str, seed: int) -> Any:
     """Our flat agent's networks, batches, rates, scales and exploration."""
-    config, env = hac_suite.PRESETS["paper"], _environment(task)
+    config, env = hac_suite.PRESETS["suite"], _environment(task)
     own = {} if agent == "sac" else {"action_noise": _noise(env, config.action_noise)}
     model = AGENTS[agent](
         **_common(env, settings, seed),
