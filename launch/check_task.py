@@ -6,7 +6,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from absl import flags
+from absl import flags, logging
 
 if __name__ == "__main__":
     sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
@@ -64,6 +64,7 @@ def _check(word: str, values: flags.FlagValues) -> int:
     if values.still_only:
         return _render(entry, still)
     console, wrong = Console(), False
+    logging.set_verbosity(logging.ERROR)  # dm_control warns of what is a finding here
     for finding in findings(entry):
         _show(finding, console)
         wrong = wrong or finding.verdict == "wrong"

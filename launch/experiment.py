@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 import hac_suite
 import tasks
+from analysis.program import CommandError
 from launch.asking import settings
 from launch.asking.console import Console
 from launch.asking.request import Request
@@ -22,6 +23,7 @@ from launch.jobs.messages import Hooks
 from launch.jobs.progress import Board
 from launch.jobs.recorder import Recorder
 from launch.pictures import summary
+from tasks.authoring import check
 
 
 class Launch(NamedTuple):
@@ -79,6 +81,7 @@ def run(request: Request, command: Sequence[str], *, work=worker.train_job) -> i
         there = [folder for folder in folders.values() if folder.path.exists()]
         _lock(there, held)
         # What is refused is refused before a folder is made.
+        _check_own_tasks(request)
         standing = _standing(launch, _interrupted(launch, there))
         jobs = _jobs(launch, standing)
         doubts = [*_other_code(launch, standing), *_doubts(launch, jobs)]
@@ -94,18 +97,36 @@ def run(request: Request, command: Sequence[str], *, work=worker.train_job) -> i
         return _conclude(launch, recorder)
 
 
+def _check_own_tasks(request: Request) -> None:
+    """Loads dm_control tasks of the user's own.
+
+    Raises:
+      CommandError: one does not load, or its seeds do not determine its episodes.
+    """
+    for entry in map(tasks.find, request.tasks):
+        own = getattr(entry, "composer", entry)  # None: a Gymnasium environment, checked when made
+        if own is not None and own.name not in tasks.ALL and (found := check.fault(own)):
+            raise CommandError(
+                f"{entry.name}: {found.text}; {found.remedy} with "
+                f"`python launch/check_task.py {own.word}`"
+            )
+
+
 def _notes(request: Request) -> Iterator[str]:
     """What there is to know of how a task is handled."""
     for task in request.tasks:
-        for note in getattr(tasks.find(task), "notes", ()):
-            yield f"note: {task}: {note}"
+        for kind in ("note", "warning"):
+            for text in getattr(tasks.find(task), f"{kind}s", ()):
+                yield f"{kind}: {task}: {text}"
 
 
 def _short(request: Request) -> Iterator[str]:
     """Warns of T with which an episode ends early in training."""
     for task in request.tasks:
-        steps = tasks.spec(task).max_steps
-        for layers, attempts in request.attempts.items():
+        spec = tasks.spec(task)
+        steps, own = spec.max_steps, {**spec.horizons, **request.attempts}
+        for layers in request.subgoal_layers:
+            attempts = hac_suite.horizons(steps, layers, own)
             if math.prod(attempts) < 0.9 * steps:
                 yield (
                     f"warning: {Agent(task, layers)}: T = {list(attempts)} allows only "

@@ -25,7 +25,7 @@ from analysis.reading import names, paper
 from hac_suite.algorithm import exploration
 from launch.asking import lists, settings
 from launch.asking.console import Console
-from launch.folder import policies
+from launch.folder import manifest, policies
 
 _HELP = """Measures success at the end of test episodes, not only at the first touch of the goal.
 
@@ -92,6 +92,7 @@ def main(argv: Sequence[str]) -> int:
 def _show(values: flags.FlagValues) -> None:
     task = lists.task(lists.task_word(values))
     folder = Path("runs", task) if values.run is None else Path(values.run)
+    manifest.check_same_task(folder / names.MANIFEST, tasks.find(task))
     found = [own for own in policies.find(folder / names.POLICIES) if own.task == task]
     if not found:
         raise CommandError(policies.lacking(folder, task))

@@ -106,7 +106,8 @@ def _fit(values: flags.FlagValues) -> int:
         raise CommandError(str(error)) from error
     names = task.about.goal_names, task.about.subgoal_names
     output.parent.mkdir(parents=True, exist_ok=True)
-    write_text(output, as_toml(found.settings, task.word, str(output), names))
+    judged = task.about.threshold is None
+    write_text(output, as_toml(found.settings, task.word, str(output), names, judged=judged))
     show(task, found, console)
     console.say(
         f"\n{output}: edit what you know better, then\n  python launch/run.py --task={output}"

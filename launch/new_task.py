@@ -51,11 +51,13 @@ def _new(words: list[str], values: flags.FlagValues) -> int:
     if len(words) != 2:
         raise CommandError("give a name and a model, as in arm_reach path/to/arm.xml")
     name, model = words[0], Path(words[1])
-    if not re.fullmatch(r"[a-z][a-z0-9_]*", name) or name in tasks.ALL:
+    if not re.fullmatch(r"[a-z][a-z0-9_]*", name):
+        fit = re.sub(r"\W", "_", name.lower(), flags=re.ASCII).strip("_0123456789") or "my_task"
         raise CommandError(
-            f"{name!r}: a task's name has lower-case letters, digits and _, and no other task has "
-            "it"
+            f"{name!r}: a task's name has lower-case letters, digits and _, such as {fit!r}"
         )
+    if name in tasks.ALL:
+        raise CommandError(f"{name!r} is a task of the suite; choose another name")
     if not model.is_file():
         raise CommandError(f"there is no model {str(model)!r}")
     targets = Path(f"{name}.py"), Path(f"{name}.xml")

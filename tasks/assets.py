@@ -12,7 +12,7 @@ MJCF_DIRECTORY = pathlib.Path(__file__).resolve().parent.parent / "assets" / "mj
 _MISSING = "the MJCF file {path!r} is missing; reinstall the project or restore it with git"
 _BROKEN = "the MJCF file {path!r} could not be parsed: {error}"
 _NO_RANGE = (
-    "actuator {name!r} of {filename!r} needs a ctrlrange, because a task's actions must be bounded"
+    "actuator {name} of {filename!r} needs a ctrlrange, because a task's actions must be bounded"
 )
 
 
@@ -42,15 +42,16 @@ def action_bounds(filename: str) -> tuple[np.ndarray, np.ndarray]:
       FileNotFoundError, ValueError: as `load_mjcf`, or an actuator without a control range.
     """
     actuators = load_mjcf(filename).find_all("actuator")
-    ranges = np.array([_control_range(actuator, filename) for actuator in actuators])
+    ranges = np.array([_control_range(*own, filename) for own in enumerate(actuators)])
     return ranges[:, 0], ranges[:, 1]
 
 
-def _control_range(actuator, filename: str) -> np.ndarray:
+def _control_range(index: int, actuator, filename: str) -> np.ndarray:
     """An actuator's control range [2]: its own, or that of the nearest of its default classes."""
     given, defaults = actuator.ctrlrange, actuator.dclass or actuator.root.default
     while given is None and defaults.tag == "default":
         given, defaults = getattr(defaults, actuator.tag).ctrlrange, defaults.parent
     if given is None:
-        raise ValueError(_NO_RANGE.format(name=actuator.name, filename=filename))
+        name = repr(actuator.name) if actuator.name else f"{index} ({actuator.tag} without a name)"
+        raise ValueError(_NO_RANGE.format(name=name, filename=filename))
     return np.array(given)

@@ -15,6 +15,10 @@ _NOT_FINITE = "action {index} ({name}) is {value}; actions must be finite"
 _NO_PLACEMENT = (
     "{task}: no valid {what} in {attempts} attempts; widen its range or relax what it must satisfy"
 )
+_NO_GOAL = (
+    "{task}.sample_episode returned the goal {goal}; it must return {count} finite numbers, in the "
+    "order of goal_space.names"
+)
 _NOT_AS_SPECIFIED = "{task}: its spec says {what} {said}, but the task has {found}"
 _PLACEMENT_ATTEMPTS = 1000
 
@@ -134,9 +138,17 @@ class GoalTask(composer.Task):
         return self._goal.copy()
 
     def begin_episode(self, physics, random_state, test: bool) -> None:
-        """Starts an episode from a test start or a training start."""
+        """Starts an episode from a test start or a training start.
+
+        Raises:
+          ValueError: `sample_episode` returned something else than a goal.
+        """
         self._step_count = 0
-        self._goal = np.array(self.sample_episode(physics, random_state, test), dtype=np.float64)
+        goal = np.array(self.sample_episode(physics, random_state, test), dtype=np.float64)
+        if goal.shape != (self.spec.goal_space.dim,) or not np.isfinite(goal).all():
+            count = self.spec.goal_space.dim
+            raise ValueError(_NO_GOAL.format(task=type(self).__name__, goal=goal, count=count))
+        self._goal = goal
         self.place_goal_marker(physics, self._goal)
 
     def place_subgoal_markers(self, physics, subgoals: Sequence[np.ndarray | None]) -> None:

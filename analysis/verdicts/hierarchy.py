@@ -73,7 +73,7 @@ class Verdict:
         pairs = self.deciding.seeds[0]
         compared = (
             f"{_says(item)} at {EQUAL[against]} "
-            f"({evidence.direction(item)}: {item.shown}, p = {item.p_holm:.2g})"
+            f"({evidence.direction(item)}: {item.shown}, corrected p = {item.p_holm:.2g})"
             for against, item in ((areas.STEPS, self.deciding), (areas.SECONDS, self.minutes))
         )
         text = (

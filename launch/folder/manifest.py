@@ -27,6 +27,8 @@ _OF_A_LAUNCH = (
     "commit", "versions", "machine",
 )  # fmt: skip
 _PACKAGES = ("dm-control", "gymnasium", "mujoco", "numpy", "pandas", "scipy", "torch")
+_DIFFERENCE = "{name} is {old!r} there and {new!r} here"
+_OTHER_TASK = "{path} was trained on another version of the task ({differences})"
 _DIFFERS = (
     "{path} holds runs of another configuration ({differences}); "
     "repeat its configuration, or give another --out"
@@ -192,12 +194,35 @@ def check_same(path: Path, manifest: Manifest, wanted: Manifest) -> None:
       CommandError: names every setting that differs, with both values.
     """
     differences = [
-        f"{name} is {old!r} there and {new!r} here"
+        _DIFFERENCE.format(name=name, old=old, new=new)
         for name, old, new in _pairs(manifest, wanted)
         if old != new
     ]
     if differences:
         raise CommandError(_DIFFERS.format(path=path.parent, differences="; ".join(differences)))
+
+
+def check_same_task(path: Path, task: Any) -> None:
+    """Refuses to go on with a task that is no longer what it was: its file was edited.
+
+    Args:
+      path: the manifest of a run folder; nothing is checked where there is none.
+      task: what `tasks.find` gives.
+
+    Raises:
+      CommandError: it names what differs.
+    """
+    manifest = read(path)
+    own = task_file(task)
+    if manifest is None or own is None:
+        return
+    differences = [
+        _DIFFERENCE.format(name=name, old=old, new=new)
+        for name, old, new in _origin_pairs(manifest.get("task_file"), own)
+        if old != new
+    ]
+    if differences:
+        raise CommandError(_OTHER_TASK.format(path=path.parent, differences="; ".join(differences)))
 
 
 def _pairs(manifest: Manifest, wanted: Manifest) -> list[tuple[str, Any, Any]]:

@@ -145,7 +145,11 @@ def choose(
     ]
     if not own:
         wanted = paper.agent_name(subgoal_layers) + ("" if seed is None else f", seed {seed}")
-        raise CommandError(f"{where} has no policy of {wanted}; it has {_listed(found)}")
+        there = f"--subgoal_layers={max(policy.subgoal_layers for policy in found)}"
+        hint = (
+            "" if any(own.subgoal_layers == subgoal_layers for own in found) else f"; add {there}"
+        )
+        raise CommandError(f"{where} has no policy of {wanted}; it has {_listed(found)}{hint}")
     return typical(own)
 
 

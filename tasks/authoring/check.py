@@ -42,7 +42,15 @@ def findings(entry: registry.Entry) -> Iterator[Finding]:
     try:
         task = entry.factory()
     except Exception as error:
-        yield _broken("the factory does not make the task", error)
+        yield _broken(entry, "the factory does not make the task", error)
+        return
+    if not hasattr(task, "_arena"):
+        kind = type(task).__name__
+        yield Finding(
+            "wrong",
+            f"{kind}.__init__ does not call that of tasks.base.GoalTask",
+            "call super().__init__(arena, spec, markers=[...], test=test) in it",
+        )
         return
     yield from _names(type(task))
     yield from _model(task)
@@ -50,25 +58,39 @@ def findings(entry: registry.Entry) -> Iterator[Finding]:
         environment = entry.load(seed=0)
         environment.reset()
     except Exception as error:
-        yield _broken("the task does not load", error)
+        yield _broken(entry, "the task does not load", error)
         return
     yield Finding("good", "it compiles and matches its spec")
-    for check in (_cameras, _shapes, _same_as_composer, _deterministic, _starts, _learnable):
+    for what, check in _CHECKS.items():
         try:
             yield from check(entry)
         except Exception as error:
-            yield _broken(f"{check.__name__.strip('_').replace('_', ' ')}: it raised", error)
+            yield _broken(entry, f"{what}: it failed", error)
     environment.close()
 
 
-def _broken(what: str, error: Exception) -> Finding:
-    """An exception, with the last line of a file of one's own that it came through."""
-    steps = traceback.extract_tb(error.__traceback__)
-    own = [s for s in steps if "/tasks/authoring/check.py" not in s.filename.replace("\\", "/")
-           and "site-packages" not in s.filename]  # fmt: skip
-    where = f" ({own[-1].filename}, line {own[-1].lineno})" if own else ""
+def fault(entry: registry.Entry) -> Finding | None:
+    """What keeps a task from being trained on at all: it does not load, or seeds decide nothing.
+
+    These are the quick ones of the checks.
+    """
+    try:
+        found = list(_deterministic(entry))
+    except Exception as error:
+        return _broken(entry, "the task does not load", error)
+    return next((finding for finding in found if finding.verdict == "wrong"), None)
+
+
+def _broken(entry: registry.Entry, what: str, error: Exception) -> Finding:
+    """An exception, with the last line of the task's file that it came through."""
     reason = " ".join(f"{type(error).__name__}: {error}".split())
-    return Finding("wrong", f"{what}: {reason}{where}", "fix that line, then check again")
+    file = entry.word.rpartition(":")[0]
+    steps = traceback.extract_tb(error.__traceback__)
+    lines = [step.lineno for step in steps if step.filename == file]
+    if not lines:
+        return Finding("wrong", f"{what}: {reason}", "mend what it names, then check again")
+    place = f" ({file}, line {lines[-1]})"
+    return Finding("wrong", f"{what}: {reason}{place}", "mend that line, then check again")
 
 
 # -- The class
@@ -304,3 +326,13 @@ def _learnable(entry: registry.Entry) -> Iterator[Finding]:
     share = seen.shares(played).succeeded
     if not said:
         yield Finding("good", f"{share:.0%} of random episodes reach the goal; scales are right")
+
+
+_CHECKS: dict[str, Callable[[registry.Entry], Iterator[Finding]]] = {
+    "cameras and lights": _cameras,
+    "functions of readings": _shapes,
+    "an episode as in training and in Composer": _same_as_composer,
+    "the same episode twice": _deterministic,
+    "starts and goals": _starts,
+    "random episodes": _learnable,
+}

@@ -3,7 +3,9 @@
 import contextlib
 import random
 import re
+import traceback
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import gymnasium
@@ -34,7 +36,7 @@ _FIXED_GOAL = "{word}: it does not store its goal in an array `goal`, so the goa
 _UNDETERMINED = (
     "{word}: reset(seed=...) does not determine {what}: two episodes of one seed differ. HAC's "
     "results must depend on seeds alone; use self.np_random in the environment after "
-    "super().reset(seed=seed)"
+    "super().reset(seed=seed), and reset all that the last episode changed"
 )
 _FAILED = "{word}: its {what} failed: {error}"
 _RETURNED = "it returned {given}, but must return {wanted}"
@@ -50,8 +52,18 @@ _PICTURES = (
     "{word}: its observations have {count} numbers, as images do, but these networks suit a few "
     "hundred: choose what to observe, as with gymnasium's FilterObservation"
 )
-_MOST_NUMBERS = 5000
+_MOST_NUMBERS, _MANY_NUMBERS = 5000, 500
+_MANY = (
+    "its observations have {count} numbers; the networks suit up to a few hundred, so choose what "
+    "to observe, as with gymnasium's FilterObservation"
+)
+_OTHER_SIZE = (
+    "{word}: its {part} has {found} numbers, but its observation space declares {declared}"
+)
 GLOBAL_RANDOM = "it uses numpy's or Python's global random generators, which the suite seeds for it"
+_OF_OTHERS = re.compile(
+    re.escape(str(Path(__file__).parent)) + r"|.*[\\/](site-packages|python[\d.]+)[\\/]"
+)
 _PROBE_SEED, _PROBE_STEPS = 123, 5
 _BROKEN = [  # MuJoCo's warnings after which it resets the state in mid-episode
     int(getattr(mujoco.mjtWarning, f"mjWARN_BAD{what}")) for what in ("QPOS", "QVEL", "QACC")
@@ -111,7 +123,7 @@ class Reader:
             making.check_goals(word, parts)
         self._space = parts["observation"] if self.goals else space
         self._goal_space = parts["desired_goal"] if self.goals else None
-        size = gymnasium.spaces.flatdim(self._space)
+        self._size = size = gymnasium.spaces.flatdim(self._space)
         if size > _MOST_NUMBERS:
             raise ValueError(_PICTURES.format(word=word, count=size))
         text, _, fixed = options.goal.partition("=")
@@ -151,10 +163,12 @@ class Reader:
           goal: the end goal, for environments that have none of their own.
         """
         own = seen["observation"] if self.goals else seen
-        flat = np.asarray(gymnasium.spaces.flatten(self._space, own), np.float64)
+        flat = self._of_size("observation", gymnasium.spaces.flatten(self._space, own), self._size)
         if self.goals:
-            achieved = np.array(seen["achieved_goal"], np.float64).ravel()
-            desired = np.array(seen["desired_goal"], np.float64).ravel()
+            size = int(np.prod(self.goal_shape))
+            achieved, desired = (
+                self._of_size(part, seen[part], size) for part in ("achieved_goal", "desired_goal")
+            )
         else:
             achieved = flat[self._goal_at]
             desired = np.zeros_like(achieved) if goal is None else np.array(goal, np.float64)
@@ -162,6 +176,24 @@ class Reader:
         if self.adds_goal:
             flat = np.concatenate([flat, achieved])
         return View(flat, achieved, subgoal.copy(), desired)
+
+    def _of_size(self, part: str, values: Any, size: int) -> np.ndarray:
+        """Values of an observation as [size].
+
+        Raises:
+          EnvFailed: there are more or fewer.
+        """
+        flat = np.array(values, np.float64).ravel()
+        if len(flat) != size:
+            raise EnvFailed(
+                _OTHER_SIZE.format(word=self.word, part=part, found=len(flat), declared=size)
+            )
+        return flat
+
+    @property
+    def notes(self) -> list[str]:
+        """Notes for the user."""
+        return [_MANY.format(count=self._size)] if self._size > _MANY_NUMBERS else []
 
     def learn_what_is_there(self, views: Sequence[View]) -> None:
         """Finds out from views whether the observation contains the achieved goal."""
@@ -291,10 +323,18 @@ class EnvCopy:
         except Exception as error:  # another's code can raise anything
             reason = " ".join(f"{type(error).__name__}: {error}".split())
             options = f"options={given['options']}" if given.get("options") else ""
+            what = f"{method}({options}){_place(error)}"
             raise EnvFailed(
-                _FAILED.format(word=self._reader.word, what=f"{method}({options})", error=reason)
+                _FAILED.format(word=self._reader.word, what=what, error=reason)
             ) from error
         return returned
+
+
+def _place(error: Exception) -> str:
+    """The last line of the environment's own code that an error came through, if it is known."""
+    steps = traceback.extract_tb(error.__traceback__)
+    own = [step for step in steps if not _OF_OTHERS.match(step.filename)]
+    return f" ({own[-1].filename}, line {own[-1].lineno})" if own else ""
 
 
 class Pool:
@@ -315,10 +355,10 @@ class Pool:
           ValueError: HAC cannot train on it; one line says why.
         """
         self.word, self._make, self._options = word, making.CompiledOnce(make), options
-        self.notes: list[str] = []
         first = self._make()
         self.actions = making.check_actions(word, first.action_space)
         self.reader = Reader(word, first, options)
+        self.notes = self.reader.notes
         self._seeds_global = False
         self._copies = [EnvCopy(first, self.reader, False)]
         self._check_seeds()
@@ -353,7 +393,12 @@ class Pool:
 
     def _check_seeds(self) -> None:
         """Plays one seed three times, the third time in a copy of its own."""
-        different = self._differ()
+        with making.global_random(None):
+            before = making.random_states()
+            different = self._differ()
+            others = making.same_states(before, making.random_states())
+        if different and others:  # something else than the global generators
+            raise ValueError(_UNDETERMINED.format(word=self.word, what=different))
         if different:
             self._seeds_global = True
             self._copies = [EnvCopy(own.env, self.reader, True) for own in self._copies]

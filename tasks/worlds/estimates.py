@@ -35,7 +35,8 @@ class About(NamedTuple):
     subgoal_names: tuple[str, ...]
     judge: judging.Judge
     fixed_goal: np.ndarray | None = None  # [G] the only end goal there is
-    draws_goals: bool = True  # episodes say their end goals; else bounds of them are asked for
+    draws_goals: bool = True  # episodes say their end goals; else they are points once reached
+    threshold: np.ndarray | None = None  # [G] what achieves end goals, where somebody said it
 
 
 class Played(NamedTuple):
@@ -166,10 +167,16 @@ def _no_goals(achieved: np.ndarray, goal: np.ndarray) -> np.ndarray:
     return np.zeros(achieved.shape[:-1], bool)
 
 
+def reached(played: Played, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+    """Points [K, G] of the goal space, within bounds, that episodes came to."""
+    points = played.achieved_goal[1:][played.alive()[1:]]
+    return points[((low <= points) & (points <= high)).all(axis=-1)]
+
+
 def _given_goals(about: About, played: Played, rng: np.random.Generator) -> Played:
-    """Episodes that were played without end goals, as if each had had one where they all came."""
-    low, high = _goal_bounds(about, played)
-    goals = rng.uniform(low, high, played.achieved_goal.shape[1:])  # [E, G]
+    """Episodes played without end goals, as if each had had a point that one of them came to."""
+    points = reached(played, *_goal_bounds(about, played))
+    goals = rng.choice(points, played.achieved_goal.shape[1])  # [E, G]
     there = about.judge(played.achieved_goal, goals) & played.alive()  # [T + 1, E]
     return played._replace(asked=goals, held=there[0], success=there[1:].any(axis=0))
 
@@ -183,8 +190,11 @@ def settings(about: About, played: Played) -> Settings:
     width = sub_high - sub_low
     horizons = {layers: attempts(played, max_steps, layers, width) for layers in _LAYERS}
     farthest = np.full(len(low), _FARTHEST * (high - low).max())
-    goal_widths = judging.half_widths(about.judge, _some(about, played), farthest)
-    goal_widths = np.maximum(goal_widths, 1e-4 * (high - low))
+    if about.threshold is None:
+        goal_widths = judging.half_widths(about.judge, _some(about, played), farthest)
+        goal_widths = np.maximum(goal_widths, 1e-4 * (high - low))
+    else:
+        goal_widths = about.threshold
     observed = _observed_goals(about, played, goal_widths)
     offset, scale = scales(played.observation[played.alive()], observed)
     near = subgoal_threshold(

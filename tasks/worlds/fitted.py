@@ -9,12 +9,16 @@ import numpy as np
 
 from tasks import registry
 from tasks.task_spec import TaskSpec
-from tasks.worlds import estimates
+from tasks.worlds import estimates, seen
 from tasks.worlds.settings import Settings, spec_of
 
 if TYPE_CHECKING:
     from tasks.worlds.world import World
 
+_NO_GOALS = (
+    "{word}: no point that random episodes reach lies within goal.low and goal.high, and end goals "
+    "are such points; widen them"
+)
 _NO_COMPOSER = "{word} is not a dm_control task, so it has no composer.Environment; use load_vector"
 
 
@@ -82,6 +86,7 @@ class FittedEntry(registry.Entry):
       make: makes as many environments, with a seed, without the spec's spaces.
       settings: what the spec was made of.
       notes: notes for the user on how it is handled.
+      warnings: what will keep it from learning, as far as was seen.
       origin: what a run folder's manifest compares, so that results of different environments do
         not mix.
       composer: the dm_control task of other spaces, if it is one.
@@ -92,6 +97,7 @@ class FittedEntry(registry.Entry):
     settings: Settings
     origin: Any
     notes: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()
     composer: registry.Entry | None = None
     own_bytes: int = 0
 
@@ -151,9 +157,14 @@ def of_world(
     origin: Any = None,
 ) -> FittedEntry:
     """A Gymnasium environment as a task; without settings a few random episodes are played."""
-    about = world.about()
+    about, played = world.about(), None
+    warned = () if settings is None else tuple(seen.of_settings(settings))
+    if settings is None or not about.draws_goals:
+        played = estimates.random_episodes(world.adapter, about)
     if settings is None:
-        settings = estimates.settings(about, estimates.random_episodes(world.adapter, about))
+        assert played is not None
+        settings = estimates.settings(about, played)
+        warned = tuple(seen.warnings(about, played, played, settings, None))
     env = world.adapter(1)
     shown = env.reset(np.zeros(1, np.int64)).observation.shape[1]
     goals = shown - len(about.goal_names) if world.pool.reader.adds_goal else shown
@@ -166,12 +177,19 @@ def of_world(
         goal_names=(about.goal_names, about.subgoal_names),
         goal_units=(("",) * len(about.goal_names), ("",) * len(about.subgoal_names)),
         observation_names=[(part, size) for part, size in parts if size],
-        judge=about.judge,
+        judge=None if about.threshold is not None else about.judge,
     )
-    world.goal_bounds = spec.goal_space.low, spec.goal_space.high
+    world.judge = spec.goal_space.achieved
+    if not about.draws_goals:
+        assert played is not None
+        points = estimates.reached(played, spec.goal_space.low, spec.goal_space.high)
+        if not len(points):
+            raise ValueError(_NO_GOALS.format(word=world.word))
+        world.goal_points = points
     return FittedEntry(
         name or world.word, word or world.word, spec, _no_factory,
         make=world.adapter, settings=settings, origin=origin, notes=tuple(world.pool.notes),
+        warnings=warned,
         own_bytes=world.pool.copy_bytes,
     )  # fmt: skip
 
@@ -192,6 +210,7 @@ def of_task(entry: registry.Entry, settings: Settings, *, name: str, word: str) 
     return FittedEntry(
         name, word, spec, entry.factory,
         make=entry.load_vector, settings=settings, origin=None, composer=entry,
+        warnings=tuple(seen.of_settings(settings)),
     )  # fmt: skip
 
 

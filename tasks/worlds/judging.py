@@ -50,6 +50,11 @@ class JudgedSpace(goal_space.GoalSpace):
         return found
 
 
+def by_box(threshold: np.ndarray) -> Judge:
+    """A judge by the distance [G] in each dimension."""
+    return lambda achieved, goal: (np.abs(achieved - goal) <= threshold).all(axis=-1)
+
+
 def by_reward(
     word: str,
     compute_reward: Callable[..., Any],

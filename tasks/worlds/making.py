@@ -186,6 +186,14 @@ def random_states() -> tuple:
     return np.random.get_state(), random.getstate()
 
 
+def same_states(one: tuple, other: tuple) -> bool:
+    """Whether nothing was drawn from the global generators between these states."""
+    (kind, keys, *more), python = one
+    (other_kind, other_keys, *other_more), other_python = other
+    same = (kind, more, python) == (other_kind, other_more, other_python)
+    return same and bool(np.array_equal(keys, other_keys))
+
+
 @contextlib.contextmanager
 def global_random(states: tuple | None) -> Iterator[None]:
     """Lends the process's global generators to an environment, and puts them back."""

@@ -18,9 +18,9 @@ _HELD = (
     "apart, or make the threshold smaller"
 )
 _NO_OVERLAP = (
-    "no episode comes near any end goal (within ten thresholds), so hindsight teaches nothing "
-    "about end goals; begin some training episodes near goals, or move goals to where episodes "
-    "reach"
+    "no episode comes near any end goal (within ten thresholds, and an eighth of the goal space), "
+    "so hindsight teaches nothing about end goals; begin some training episodes near goals, or "
+    "move goals to where episodes reach"
 )
 _NOT_REACHED = (
     "end goals range from {low:.3g} to {high:.3g} in {name}, but episodes reached only "
@@ -44,7 +44,18 @@ _SCALE = (
     "observation {name} is divided by {scale:.3g}, but episodes suggest {found:.3g}: a factor of "
     "{ratio:.0f}"
 )
-_EASY = "{share:.0%} of random episodes succeed: there is little to learn"
+_EASY = (
+    "{share:.0%} of random episodes succeed: there is little to learn; make the threshold smaller, "
+    "or move goals farther away"
+)
+_OTHER_THRESHOLD = (
+    "the subgoal threshold in {name} is {threshold:.3g}, but episodes suggest {found:.3g}: a "
+    "factor of {ratio:.0f}"
+)
+_ANYWHERE = (
+    "every subgoal threshold is at least half the range of subgoals, so nearly every subgoal is "
+    "achieved at once"
+)
 
 
 class Shares(NamedTuple):
@@ -89,13 +100,23 @@ def warnings(
     yield from _subgoals(about, everything, settings)
     if own is not None:
         yield from _scales(own, settings)
+        yield from _thresholds(own, settings)
+
+
+def of_settings(settings: Settings) -> Iterator[str]:
+    """The same of numbers that somebody may have edited, without an episode."""
+    width = np.subtract(settings.subgoal_high, settings.subgoal_low)
+    if (np.array(settings.subgoal_threshold) >= width / 2).all():
+        yield _ANYWHERE
 
 
 def overlap(about: About, played: Played, settings: Settings) -> bool:
     """Whether some state of some episode comes near some end goal, to a few thresholds."""
     reached = played.achieved_goal[played.alive()]
     asked = played.asked[-_GOALS:] if about.fixed_goal is None else about.fixed_goal[None]
-    near = _NEAR * np.array(settings.goal_threshold)
+    threshold = np.array(settings.goal_threshold)
+    width = np.subtract(settings.goal_high, settings.goal_low)
+    near = np.minimum(_NEAR * threshold, np.maximum(threshold, width / 8))
     return bool((np.abs(reached[:, None] - asked[None]) <= near).all(axis=-1).any())
 
 
@@ -146,3 +167,14 @@ def _scales(own: TaskSpec, settings: Settings) -> Iterator[str]:
         ratio = max(scale / found, found / scale)
         if ratio >= 10:
             yield _SCALE.format(name=name, scale=scale, found=found, ratio=ratio)
+
+
+def _thresholds(own: TaskSpec, settings: Settings) -> Iterator[str]:
+    """Subgoal thresholds that are ten times off."""
+    space = own.subgoal_space
+    for name, near, found in zip(
+        space.names, space.threshold, settings.subgoal_threshold, strict=True
+    ):
+        ratio = max(near / found, found / near)
+        if ratio >= 10:
+            yield _OTHER_THRESHOLD.format(name=name, threshold=near, found=found, ratio=ratio)

@@ -42,7 +42,8 @@ class Settings:
       observation_offset, observation_scale: [D] what is subtracted from observations, and what
         they are then divided by, to come out about [-1, 1].
       goal_low, goal_high: [G] where end goals are.
-      goal_threshold: [G] how far from one still counts; it only describes what is judged elsewhere.
+      goal_threshold: [G] how far from one still counts; where the environment itself judges, it
+        only describes that.
       subgoal_low, subgoal_high, subgoal_threshold: [H] where subgoals may be; how near is achieved.
       horizons: by number of subgoal layers, T = (T_0, ..., T_n).
     """
@@ -74,6 +75,7 @@ def read(found: Mapping[str, Any], where: str) -> Settings:
     Raises:
       ValueError: one is missing, misspelt or no number; the message says where and which.
     """
+    _refuse_surplus(found, where)
     flat: dict[str, Any] = {"max_steps": found.get("max_steps"), "horizons": {}}
     if not isinstance(flat["max_steps"], int) or flat["max_steps"] < 1:
         raise ValueError(_NOT_COUNT.format(where=where, value=flat["max_steps"]))
@@ -85,7 +87,6 @@ def read(found: Mapping[str, Any], where: str) -> Settings:
         flat[name.replace(".", "_")] = _numbers(own[field], where, name)
     for layers, counts in found.get("horizons", {}).items():
         flat["horizons"][int(layers)] = _counts(layers, counts, where)
-    _refuse_surplus(found, where)
     return Settings(**flat)
 
 
@@ -110,8 +111,9 @@ def _refuse_surplus(found: Mapping[str, Any], where: str) -> None:
     known = {"task", "max_steps", "horizons", *parts}
     names = [name for name in found if name not in known]
     for part in sorted(parts):
-        own = found[part]
-        names += [f"{part}.{field}" for field in own if f"{part}.{field}" not in _LISTS]
+        own = found.get(part)
+        if isinstance(own, Mapping):
+            names += [f"{part}.{field}" for field in own if f"{part}.{field}" not in _LISTS]
     if names:
         listed = ", ".join(["task", "max_steps", *_LISTS, "horizons"])
         raise ValueError(_SURPLUS.format(where=where, name=names[0], names=listed))
@@ -126,14 +128,14 @@ def spec_of(
     goal_names: tuple[Sequence[str], Sequence[str]],
     goal_units: tuple[Sequence[str], Sequence[str]],
     observation_names: Sequence[tuple[str, int]],
-    judge: Judge,
+    judge: Judge | None,
 ) -> TaskSpec:
     """A task's spec with these settings.
 
     Args:
       goal_names, goal_units: of the goal space's dimensions, and of the subgoal space's.
       observation_names: the parts of the observation, and how many numbers each has.
-      judge: what achieves an end goal.
+      judge: what achieves an end goal; None: the threshold.
 
     Raises:
       ValueError: the settings are for another number of observations or goals.
@@ -146,28 +148,34 @@ def spec_of(
     parts, start = {}, 0
     for name, size in observation_names:
         parts[name], start = scale[start : start + size], start + size
-    low, high, threshold = (
-        np.array(getattr(settings, f"goal_{name}")) for name in ("low", "high", "threshold")
-    )
     return TaskSpec(
         title=title,
         control_timestep=control_timestep,
         max_steps=settings.max_steps,
-        goal_space=JudgedSpace(
-            tuple(goal_names[0]), tuple(goal_units[0]), low, high, threshold, judge=judge
-        ),
-        subgoal_space=GoalSpace(
-            tuple(goal_names[1]),
-            tuple(goal_units[1]),
-            np.array(settings.subgoal_low),
-            np.array(settings.subgoal_high),
-            np.array(settings.subgoal_threshold),
-        ),
+        goal_space=_space(settings, "goal", goal_names[0], goal_units[0], judge),
+        subgoal_space=_space(settings, "subgoal", goal_names[1], goal_units[1], None),
         observation=parts,
         offset=settings.observation_offset,
         action_bounds=action_bounds,
         horizons=settings.horizons,
     )
+
+
+def _space(
+    settings: Settings, which: str, names: Sequence[str], units: Sequence[str], judge: Judge | None
+) -> GoalSpace:
+    """The goal space or the subgoal space.
+
+    Raises:
+      ValueError: its numbers cannot be; the message says which space's.
+    """
+    ends = (np.array(getattr(settings, f"{which}_{n}")) for n in ("low", "high", "threshold"))
+    try:
+        if judge is None:
+            return GoalSpace(tuple(names), tuple(units), *ends)
+        return JudgedSpace(tuple(names), tuple(units), *ends, judge=judge)
+    except ValueError as error:
+        raise ValueError(f"{which}: {error}") from error
 
 
 # -- As a file
@@ -185,7 +193,8 @@ max_steps = {max_steps}  # control steps after which an episode is cut off
 offset = {observation_offset}
 scale = {observation_scale}
 
-# The range of end goals. {threshold_note}
+# The range of end goals; of what episodes reach, in dimensions in which all goals are alike.
+# {threshold_note}
 [goal]  # {goal_names}
 low = {goal_low}
 high = {goal_high}
@@ -202,10 +211,17 @@ threshold = {subgoal_threshold}
 {horizons}
 """
 _JUDGED = "The environment decides whether they are achieved; the threshold only describes that."
+_BY_THRESHOLD = "An end goal is achieved within the threshold in every dimension."
 
 
-def as_toml(settings: Settings, task: str, file: str, names: tuple[Sequence[str], ...]) -> str:
-    """The settings as a commented file for a task, whose word is `task`."""
+def as_toml(
+    settings: Settings, task: str, file: str, names: tuple[Sequence[str], ...], *, judged: bool
+) -> str:
+    """The settings as a commented file for a task, whose word is `task`.
+
+    Args:
+      judged: whether the task itself decides when an end goal is achieved.
+    """
     lists = {
         name.replace(".", "_"): _toml_list(getattr(settings, name.replace(".", "_")))
         for name in _LISTS
@@ -215,7 +231,7 @@ def as_toml(settings: Settings, task: str, file: str, names: tuple[Sequence[str]
         word=_toml_string(task),
         file=file,
         max_steps=settings.max_steps,
-        threshold_note=_JUDGED,
+        threshold_note=_JUDGED if judged else _BY_THRESHOLD,
         goal_names=", ".join(names[0]),
         subgoal_names=", ".join(names[1]),
         horizons="\n".join(f"{n} = {list(own)}" for n, own in sorted(settings.horizons.items())),

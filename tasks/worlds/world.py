@@ -26,6 +26,7 @@ _TAKEN = (
 _SEEDS = 2**32  # seeds lie in [0, 2**32)
 _FRAMES = 30  # a second of video, where the environment does not say
 _THRESHOLDS = "{word}: --goal_threshold has {given} numbers; give one, or {count}"
+_GOALS = 1  # marks the random stream of end goals, apart from the environment's own
 _PAIRS = 64  # episodes whose goals are looked at to learn what compute_reward means
 
 
@@ -64,7 +65,8 @@ class World:
       pool: its copies.
       max_steps: control steps after which an episode is cut off.
       judge: which achieved goals [..., G] achieve which goals [..., G]: bool [...].
-      judged_by_reward: whether that is the environment's own judgement.
+      threshold: [G] the distance by which it judges; None: the environment's own judgement.
+      goal_points: [K, G] what end goals are drawn from, where the environment has none of its own.
     """
 
     def __init__(
@@ -90,9 +92,9 @@ class World:
         if not limit:
             raise ValueError(_NO_LIMIT.format(word=word))
         self.max_steps: int = limit
-        self.goal_bounds: tuple[np.ndarray, np.ndarray] | None = None
-        self.judged_by_reward = not options.threshold
-        self.judge = self._own_judge() if self.judged_by_reward else self._box()
+        self.goal_points: np.ndarray | None = None
+        self.threshold = self._box() if options.threshold else None
+        self.judge = self._own_judge() if self.threshold is None else judging.by_box(self.threshold)
 
     def _own_judge(self) -> judging.Judge:
         reader, copy = self.pool.reader, self.pool.copies(1)[0]
@@ -112,14 +114,13 @@ class World:
             goals,
         )
 
-    def _box(self) -> judging.Judge:
+    def _box(self) -> np.ndarray:
         count, given = int(np.prod(self.pool.reader.goal_shape)), self.pool.options.threshold
         if len(given) not in (1, count):
             raise ValueError(_THRESHOLDS.format(word=self.word, given=len(given), count=count))
         if min(given) <= 0:
             raise ValueError(_NOT_NEAR.format(word=self.word, given=given))
-        width = np.broadcast_to(given, count)
-        return lambda achieved, goal: (np.abs(achieved - goal) <= width).all(axis=-1)
+        return np.broadcast_to(np.asarray(given, np.float64), count)
 
     @property
     def control_timestep(self) -> float:
@@ -147,6 +148,7 @@ class World:
             judge=self.judge,
             fixed_goal=self.pool.reader.fixed_goal,
             draws_goals=self.pool.reader.goals or self.pool.reader.fixed_goal is not None,
+            threshold=self.threshold,
         )
 
 
@@ -192,12 +194,13 @@ class Adapter:
 
     def _draw_goal(self, seed: int) -> np.ndarray | None:
         """The end goal of an episode, where the environment has none of its own."""
-        reader, bounds = self._pool.reader, self._world.goal_bounds
+        reader, points = self._pool.reader, self._world.goal_points
         if reader.goals:
             return None
         if reader.fixed_goal is not None:
             return reader.fixed_goal
-        return None if bounds is None else np.random.default_rng(seed).uniform(*bounds)
+        # The environment draws its start from the seed itself: goals need a stream of their own.
+        return None if points is None else np.random.default_rng((seed, _GOALS)).choice(points)
 
     def step(self, actions: np.ndarray, mask: np.ndarray | None = None) -> Step:
         """One control step in each masked environment; see `hac_suite.VectorEnv`.
@@ -364,8 +367,8 @@ def from_gymnasium(
       args: keywords of `gymnasium.make`.
       max_steps: steps of an episode; None takes the environment's time limit.
       goal: for an environment that is not goal-conditioned, which numbers of its observation are
-        the goal, `obs[0:2]`; goals are drawn within what random episodes reach, or are always
-        the same: `obs[0:2]=1,0`.
+        the goal, `obs[0:2]`; goals are points that random episodes reach, or are always the same:
+        `obs[0:2]=1,0`.
       subgoal: which numbers of the observation are the subgoal space; the goal's own if not given.
       goal_threshold: how near counts as achieved in each dimension, in place of `compute_reward`.
       train_options, test_options: `options` of the environment's resets, in training and in tests.

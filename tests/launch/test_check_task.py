@@ -9,7 +9,7 @@ import pytest
 
 import hac_suite
 import tasks
-from launch import check_task, new_task
+from launch import check_task, new_task, run
 from tasks.authoring import check
 
 ARM = """
@@ -90,6 +90,26 @@ def test_a_task_begun_from_a_model_passes_its_checks(arm, capsys):
     assert model.ncam == model.nlight == 1
 
 
+def test_a_task_that_cannot_be_trained_on_is_refused_before_anything_is_made(
+    arm, monkeypatch, capsys
+):
+    words = ["run", "--seeds=1", "--periods=1", "--novideo", "--config.episodes_per_period=4"]
+    text = arm.read_text()
+    for old, new, said in (
+        ("uniform(_START_LOW", "uniform(np.random.uniform() * _START_LOW", "of one seed differ"),
+        ("observation_parts(self, readings):", "observation_parts(self, readings):\n        1 / 0",
+         "ZeroDivisionError"),
+    ):  # fmt: skip
+        assert old in text
+        other = arm.with_name(f"arm_{len(said)}.py")
+        other.write_text(text.replace(old, new, 1))
+        other.with_suffix(".xml").write_text(arm.with_suffix(".xml").read_text())
+        assert run.main([*words, f"--task={other.name}:arm"]) == 2
+        printed = capsys.readouterr().err
+        assert said in printed and f"launch/check_task.py {other}:arm" in printed
+    assert not Path("runs").exists()
+
+
 def test_and_it_trains(arm):
     config = hac_suite.Config(episodes_per_period=4, test_episodes=4, hidden_sizes=(16,))
     task = tasks.find(f"{arm}:arm")
@@ -147,6 +167,12 @@ def test_gymnasiums_reacher_is_a_model_to_begin_from(tmp_path, monkeypatch, caps
          "        1 / 0", "does not load: ZeroDivisionError.*changed.py, line"),
         ("super().__init__(arena, _SPEC", "1 / 0\n        super().__init__(arena, _SPEC",
          "the factory does not make the task: ZeroDivisionError.*changed.py, line"),
+        ("        super().__init__(arena, _SPEC", "        dict(arena=arena",
+         r"Arm.__init__ does not call.*super\(\).__init__\(arena"),
+        ("        return goal\n", "        return goal * np.nan\n",
+         r"sample_episode returned the goal \[nan nan\]; it must return 2 finite numbers"),
+        ("    threshold=np.array([", "    threshold=1e-3 * np.array([",
+         "the subgoal threshold in tip_x is 7.19e-05, but episodes suggest"),
         ('"place": readings[..., _PLACE],\n', '"place": readings[..., [0]],\n',
          "its spec says observation parts and sizes"),
         ("control_timestep=0.02", "control_timestep=0.021", "should be an integer multiple"),
@@ -202,7 +228,8 @@ def test_the_program_draws_a_picture_and_its_exit_status_tells(arm, capsys):
     ("model", "words", "said"),
     [
         (ARM, ["Arm", "model.xml"], "lower-case letters"),
-        (ARM, ["pick_place", "model.xml"], "no other task has it"),
+        (ARM, ["pick_place", "model.xml"], "a task of the suite"),
+            (ARM, ["my-Arm", "model.xml"], "such as 'my_arm'"),
         (ARM, ["arm", "none.xml"], "there is no model"),
         (ARM, ["arm"], "a name and a model"),
         (ARM, ["arm", "model.xml", "--point=hand"], "no site or body 'hand'; it has tip"),

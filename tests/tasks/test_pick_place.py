@@ -149,7 +149,7 @@ def test_reset_lets_go():
     half = np.arange(env.num_envs) % 2 == 0
     step = env.reset(_SEEDS, mask=half, test=True)
     np.testing.assert_array_equal(_part(step, "attached"), ~half)
-    np.testing.assert_array_equal([data.eq_active[0] for data in env._data], ~half)
+    np.testing.assert_array_equal(env._batch.eq_active[:, 0], ~half)
 
 
 def test_test_starts():

@@ -28,7 +28,7 @@ NAMES = ("x", "y"), ("x", "y")
 @pytest.fixture
 def file(tmp_path):
     path = tmp_path / "point_fit.toml"
-    path.write_text(lib.as_toml(SETTINGS, POINT, path.name, NAMES))
+    path.write_text(lib.as_toml(SETTINGS, POINT, path.name, NAMES, judged=True))
     return path
 
 
@@ -38,7 +38,7 @@ def test_what_is_written_is_read_back(file):
     assert lib.read(SETTINGS.as_json(), "a") == SETTINGS
     long = dataclasses.replace(SETTINGS, observation_scale=tuple(np.linspace(1e-3, 9, 105)))
     quoted = "gym:x:Y-v0?" + '{"args":{"a":"it\'s \\\\ one"}}'
-    assert lib.from_toml(lib.as_toml(long, quoted, "f", NAMES), "a") == (quoted, long)
+    assert lib.from_toml(lib.as_toml(long, quoted, "f", NAMES, judged=True), "a") == (quoted, long)
 
 
 def test_a_file_is_a_task_with_these_spaces(file):
@@ -54,6 +54,33 @@ def test_a_file_is_a_task_with_these_spaces(file):
     assert tasks.find(str(file)).spec.max_steps == 9
 
 
+def test_the_files_threshold_decides_where_the_environment_does_not(tmp_path):
+    plain = 'gym:HacToy/Plain-v0?{"goal":"obs[0:1]","goal_threshold":[0.1]}'
+    three = dataclasses.replace(
+        SETTINGS,
+        observation_offset=(0.0,) * 3,
+        observation_scale=(1.0,) * 3,
+        **{f"{which}_{name}": own for which in ("goal", "subgoal") for name, own in
+           (("low", (-1.0,)), ("high", (1.0,)), ("threshold", (0.7,)))},
+    )  # fmt: skip
+    file = tmp_path / "plain_fit.toml"
+    file.write_text(lib.as_toml(three, plain, file.name, (("x",), ("x",)), judged=False))
+    assert "achieved within the threshold" in file.read_text()
+    env = tasks.find(str(file)).load_vector(4)
+    assert env.goal_space.achieved(np.array([0.5]), np.array([0.0]))
+    assert (np.abs(env.reset(np.arange(4)).desired_goal) <= 1).all()
+    file.write_text(file.read_text().replace("low = [-1.0]", "low = [0.99999]", 1))
+    with pytest.raises(ValueError, match="no point that random episodes reach lies within"):
+        tasks.find(str(file))
+
+
+def test_thresholds_that_every_state_meets_are_said(file):
+    assert not tasks.find(str(file)).warnings
+    file.write_text(file.read_text().replace("threshold = [0.2, 0.3]", "threshold = [1.5, 2.0]"))
+    (said,) = tasks.find(str(file)).warnings
+    assert "nearly every subgoal is achieved at once" in said
+
+
 def test_a_task_of_the_suite_with_other_spaces_is_judged_as_before(tmp_path):
     own = tasks.spec("pendulum_climb")
     changed = dataclasses.replace(
@@ -64,7 +91,7 @@ def test_a_task_of_the_suite_with_other_spaces_is_judged_as_before(tmp_path):
         goal_threshold=(9.0, 9.0),
     )
     file = tmp_path / "other.toml"
-    file.write_text(lib.as_toml(changed, "pendulum_climb", file.name, NAMES))
+    file.write_text(lib.as_toml(changed, "pendulum_climb", file.name, NAMES, judged=True))
     task = tasks.find(str(file))
     env, plain = task.load_vector(3), tasks.load_vector("pendulum_climb", 3)
     assert env.max_steps == 50 and env.observation_scale[2] == 9.0
@@ -80,10 +107,13 @@ def test_a_task_of_the_suite_with_other_spaces_is_judged_as_before(tmp_path):
     [
         ("max_steps = 40", "max_steps = 0", "max_steps takes a count, not 0"),
         ("task = ", "tsak = ", "task is missing"),
-        ("[goal]", "[gaol]", "goal.low is missing"),
+        ("[goal]", "[gaol]", "no setting 'gaol'"),
+        ("low = [-1.0, -1.0]", "", "goal.low is missing"),
         ("scale = [1.0, 2.0", "scale = [1.0, 'b'", "observation.scale takes a list of finite"),
         ("scale = [1.0, 2.0, ", "scale = [1.0, ", "offset has 4 numbers, observations 3|has 3"),
-        ("low = [-2.0, -1.0]", "low = [9.0, -1.0]", "low must be below high"),
+        ("low = [-2.0, -1.0]", "low = [9.0, -1.0]", "subgoal: low must be below high"),
+        ("threshold = [0.2, 0.3]", "treshold = [0.2, 0.3]", "no setting 'subgoal.treshold'"),
+        ("threshold = [0.1, 0.1]", "threshold = [0.1, -0.1]", "goal: thresholds must be positive"),
         ("1 = [7, 6]", "1 = [7]", "horizons.1 takes 2 counts"),
         ("1 = [7, 6]", "one = [7]", "horizons.one takes"),
         ("[horizons]", "[horizon]", "no setting 'horizon'"),

@@ -60,6 +60,20 @@ def test_an_environment_without_goals_takes_a_projection_of_its_state():
     assert always.goal_space.low[1] < 3 < always.goal_space.high[1]
 
 
+def test_goals_of_an_environment_without_any_are_points_reached_whatever_the_start():
+    seeds = np.arange(64)
+    env = tasks.from_gymnasium(toys.Plain, 64, max_steps=20, goal="obs[0]", goal_threshold=0.01)
+    state = env.reset(seeds)
+    # The environment draws its start from the same seed.
+    start, goal = state.achieved_goal[:, 0], state.desired_goal[:, 0]
+    assert abs(np.corrcoef(start, goal)[0, 1]) < 0.3
+    pendulum = tasks.from_gymnasium("Pendulum-v1", 64, goal="obs[0:2]", goal_threshold=0.1)
+    goals = pendulum.reset(seeds).desired_goal  # cosine and sine of an angle
+    np.testing.assert_allclose(np.linalg.norm(goals, axis=1), 1, rtol=1e-6)
+    assert len(np.unique(goals, axis=0)) > 32
+    np.testing.assert_array_equal(goals, pendulum.copies(64).reset(seeds).desired_goal)
+
+
 def test_goals_that_nobody_judges_are_judged_by_a_threshold():
     env = tasks.from_gymnasium(
         lambda: toys.OddGoals("unjudged"), max_steps=20, goal_threshold=(0.1, 0.3)
@@ -94,9 +108,10 @@ def test_goals_that_are_not_known_yet_end_no_episode_of_which_spaces_are_estimat
         (lambda: toys.OddGoals("unjudged"), {}, "no compute_reward.*--goal_threshold"),
         (toys.OldApi, {}, r"its reset\(\) failed: .*no tuple.*observation, info"),
         (toys.Point, {"train_options": {"goal": "north"}},
-         r"its reset\(options={'goal': 'north'}\) failed: ValueError"),
+         r"its reset\(options={'goal': 'north'}\) \(.*toys.py, line \d+\) failed: ValueError"),
         (toys.Point, {"test_options": {"goal": "north"}}, r"its reset\(.*failed: ValueError"),
         (lambda: toys.OddGoals("dict"), {}, "achieved_goal is a dictionary of place; .*Box"),
+        (lambda: toys.OddGoals("less"), {}, "achieved_goal has 1 numbers, but .* declares 2"),
         (lambda: toys.OddGoals("more"), {}, r"achieved_goal has the shape \(3,\).*\(2,\)"),
         (lambda: toys.Plain(size=12_000), {"goal": "obs[0]", "goal_threshold": 1},
          "12000 numbers, as images do"),

@@ -175,14 +175,16 @@ class Shared(Point):
 class OddGoals(Point):
     """Goals that cannot be compared.
 
-    `kind`: dict (they are dictionaries), more (it achieves more than it is asked for), or unjudged
-    (there is no compute_reward).
+    `kind`: dict (they are dictionaries), more (it achieves more than it is asked for), less (its
+    goals have fewer numbers than it declares), or unjudged (there is no compute_reward).
     """
 
     def __init__(self, kind: str, **habits):
         super().__init__(**habits)
+        self.kind = kind
         if kind == "unjudged":
             self.compute_reward = None
+        if kind in ("unjudged", "less"):
             return
         place, size = self.observation_space["desired_goal"], 2 if kind == "dict" else 3
         achieved = Box(-np.inf, np.inf, (size,))
@@ -193,6 +195,23 @@ class OddGoals(Point):
             achieved_goal=achieved,
             desired_goal=place,
         )
+
+    def _seen(self):
+        seen = super()._seen()
+        goals = ("achieved_goal", "desired_goal") if self.kind == "less" else ()
+        return {key: value[:1] if key in goals else value for key, value in seen.items()}
+
+
+class Remembers(Point):
+    """Shows where any copy of it was at last, also in the episode before."""
+
+    last = 0.0
+
+    def _seen(self):
+        seen = super()._seen()
+        seen["observation"][2] = type(self).last
+        type(self).last = float(self.position[0])
+        return seen
 
 
 class OldApi(Point):
