@@ -59,7 +59,9 @@ def load_td3(folder: Path) -> Worlds:
 
 
 def title(task: str) -> str:
-    return paper.title(task.removesuffix(_FITTED))
+    file, _, own = task.partition("-")
+    # A task of one's own is called FILE-NAME.
+    return paper.title(own if own == file else task.removesuffix(_FITTED))
 
 
 def draw(worlds: Worlds, td3: Worlds) -> Figure:

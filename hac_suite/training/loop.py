@@ -29,6 +29,13 @@ class PeriodResult(NamedTuple):
     policies: list[Policy]  # per seed, as tested
 
 
+_NOT_A_MAKER = (
+    "make_env must be a function that makes as many environments as it is asked for, such as "
+    "tasks.find(...).load_vector or env.copies, not a {kind}."
+)
+_HORIZONS = "{layers} subgoal layers need {count} horizons (T_0, ..., T_n), not {horizons}."
+
+
 def train(
     make_env: Callable[[int], VectorEnv],
     config: Config,
@@ -57,13 +64,16 @@ def train(
             effect on the others. The training ends when no seed is left.
 
     Raises:
-        ValueError: seeds repeat, horizons do not match subgoal_layers, or `start` is not of these
-            seeds and this config.
+        ValueError: seeds repeat, horizons do not match subgoal_layers, `make_env` is an environment
+            and not a function, or `start` is not of these seeds and this config.
     """
     if len(set(seeds)) != len(seeds) or not seeds:
         raise ValueError(f"Give one or more different seeds, not {list(seeds)}.")
-    if len(horizons) != subgoal_layers + 1:
-        raise ValueError(f"{subgoal_layers} subgoal layers need {subgoal_layers + 1} horizons.")
+    if not callable(make_env):
+        raise ValueError(_NOT_A_MAKER.format(kind=type(make_env).__name__))
+    if isinstance(horizons, Mapping) or len(horizons) != subgoal_layers + 1:
+        count = subgoal_layers + 1
+        raise ValueError(_HORIZONS.format(layers=subgoal_layers, count=count, horizons=horizons))
     training = Training(make_env, config, tuple(seeds), horizons, device)
     if start is not None:
         training.restore(start)

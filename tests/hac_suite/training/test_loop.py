@@ -178,9 +178,16 @@ def test_a_learner_that_no_gpu_can_take_is_refused_there():
     [
         ([], (5, 4), "different seeds"),
         ([1, 1], (5, 4), "different seeds"),
+        ([1], {1: (5, 4)}, "need 2 horizons"),
         ([1], (5,), "need 2 horizons"),
     ],
 )
 def test_wrong_arguments_are_named_before_anything_runs(seeds, attempts, message):
     with pytest.raises(ValueError, match=message):
         loop.train(make_env, FAST, seeds, subgoal_layers=1, horizons=attempts, periods=1)
+
+
+def test_an_environment_in_place_of_what_makes_them_is_named():
+    arguments = {"subgoal_layers": 0, "horizons": (5,), "periods": 1}
+    with pytest.raises(ValueError, match=r"such as .*env\.copies, not a PointEnv"):
+        loop.train(make_env(1), FAST, [0], **arguments)
