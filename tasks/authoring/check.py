@@ -325,7 +325,14 @@ def _learnable(entry: registry.Entry) -> Iterator[Finding]:
         yield Finding("doubtful", text, "see docs/your_own_task.md and `python launch/fit.py`")
     share = seen.shares(played).succeeded
     if not said:
-        yield Finding("good", f"{share:.0%} of random episodes reach the goal; scales are right")
+        near = seen.nearest(about, played, found)
+        reach = (
+            f"{share:.0%} of random episodes reach the goal"
+            if share
+            else f"no random episode reaches the goal, the nearest by {near:.1f} thresholds; can a "
+            "robot get there?"
+        )
+        yield Finding("good", f"scales are right; {reach}")
 
 
 _CHECKS: dict[str, Callable[[registry.Entry], Iterator[Finding]]] = {

@@ -26,10 +26,6 @@ _NOT_REACHED = (
     "end goals range from {low:.3g} to {high:.3g} in {name}, but episodes reached only "
     "{least:.3g} to {most:.3g}: {share:.0%} of it"
 )
-_BEYOND = (
-    "{share:.0%} of end goals lie far beyond what episodes reached in {name}, {least:.3g} to "
-    "{most:.3g}; are they within reach?"
-)
 _STILL = (
     "the achieved goal did not change in {share:.0%} of episodes, so a subgoal in that space does "
     "not tell the agent what to do; add what the agent moves itself to the subgoal space{how}"
@@ -116,24 +112,25 @@ def of_settings(settings: Settings) -> Iterator[str]:
 
 def overlap(about: About, played: Played, settings: Settings) -> bool:
     """Whether some state of some episode comes near some end goal, to a few thresholds."""
+    return nearest(about, played, settings) <= _NEAR
+
+
+def nearest(about: About, played: Played, settings: Settings) -> float:
+    """How near some state of some episode comes to some end goal, in thresholds."""
     reached = played.achieved_goal[played.alive()]
     asked = played.asked[-_GOALS:] if about.fixed_goal is None else about.fixed_goal[None]
-    near = _NEAR * np.array(settings.goal_threshold)
-    return bool((np.abs(reached[:, None] - asked[None]) <= near).all(axis=-1).any())
+    away = np.abs(reached[:, None] - asked[None]) / np.array(settings.goal_threshold)
+    return float(away.max(axis=-1).min())
 
 
 def _unreached(about: About, played: Played, settings: Settings) -> Iterator[str]:
-    """Dimensions of the goal space in which end goals, or half of their range, are out of reach."""
+    """Dimensions of the goal space in which less than half of what is asked for was reached."""
     reached = played.achieved_goal[played.alive()]
     least, most = reached.min(axis=0), reached.max(axis=0)
     for i, name in enumerate(about.goal_names):
         low, high = settings.goal_low[i], settings.goal_high[i]
         if settings.goal_threshold[i] >= high - low:
             continue  # every place there will do
-        near, asked = 3 * settings.goal_threshold[i], played.asked[:, i]
-        beyond = ((asked < least[i] - near) | (asked > most[i] + near)).mean()
-        if beyond > 0.5:
-            yield _BEYOND.format(share=beyond, name=name, least=least[i], most=most[i])
         share = (min(high, most[i]) - max(low, least[i])) / (high - low)
         if share < 0.5:
             yield _NOT_REACHED.format(

@@ -169,8 +169,6 @@ def test_gymnasiums_reacher_is_a_model_to_begin_from(tmp_path, monkeypatch, caps
          "the factory does not make the task: ZeroDivisionError.*changed.py, line"),
         ("        super().__init__(arena, _SPEC", "        dict(arena=arena",
          r"Arm.__init__ does not call.*super\(\).__init__\(arena"),
-        ("        return goal\n", "        return 0.0 * goal + 1.4\n",
-         "100% of end goals lie far beyond what episodes reached in tip_x"),
         ("        return goal\n", "        return goal * np.nan\n",
          r"sample_episode returned the goal \[nan nan\]; it must return 2 finite numbers"),
         ("    threshold=np.array([", "    threshold=1e-3 * np.array([",
