@@ -67,7 +67,8 @@ def test_copies_of_a_maze_take_as_much_memory_as_is_said():
     task.load_vector(3)  # those that compile
     before = _resident()
     task.load_vector(23)
-    assert 0.8 < (_resident() - before) / (20 * task.copy_bytes) < 1.3
+    # Less, where memory that other tests have freed is used again.
+    assert 0.6 < (_resident() - before) / (20 * task.copy_bytes) < 1.3
 
 
 def _resident() -> int:
