@@ -27,8 +27,12 @@ EQUAL = {
 """What agents are given equal amounts of; the first decides."""
 HELPS, HURTS, SMALL, UNDECIDED = "it helps", "it loses", "no gain that matters", "undecided"
 
+RISING = 0.05
+"""Success that rises by more than this from the test period before the last to the last."""
+_STILL_RISING = "Success was still rising at the end, so longer training may change this."
+
 _AREA = "difference in area under the success curve at {equal}"
-_FINAL = f"difference in success over the last {LATE_PERIODS} test periods"
+_FINAL = "difference in success over the last {periods} test periods"
 _IMPROVEMENT = "probability of improvement in area at {equal}"
 
 
@@ -44,6 +48,7 @@ class Verdict:
       evidence: all that was measured, the deciding difference first.
       seeds_needed: of each agent, to decide what is undecided; None where that cannot be said.
       least_seeds: fewer decide nothing, however large the difference.
+      rising: whether either agent was still getting better when its training ended.
     """
 
     subgoal_layers: int
@@ -53,6 +58,7 @@ class Verdict:
     evidence: tuple[Evidence, ...]
     seeds_needed: int | None
     least_seeds: int
+    rising: bool
 
     @property
     def says(self) -> str:
@@ -81,7 +87,9 @@ class Verdict:
             f"the success curve, against the flat agent{f' ({self.rival})' if self.rival else ''}, "
             f"{pairs} pair{'' if pairs == 1 else 's'} of seeds."
         )
-        return f"{text} {self._what_it_takes()}" if self.says == UNDECIDED else text
+        if self.says == UNDECIDED:
+            text = f"{text} {self._what_it_takes()}"
+        return f"{text} {_STILL_RISING}" if self.rising else text
 
     def _what_it_takes(self) -> str:
         if self.seeds_needed is None:
@@ -181,7 +189,9 @@ def _measure(task: str, results: pd.DataFrame, deep: int, rival: Rival) -> list[
                 )
             )  # fmt: skip
     late = _late(results, deep) - _late(results, 0)
-    return [*found, _difference(task, agents, _FINAL, late.dropna().to_numpy())]
+    periods = min(LATE_PERIODS, results.loc[results["period"] > 0, "period"].nunique())
+    final = _FINAL.format(periods=periods)
+    return [*found, _difference(task, agents, final, late.dropna().to_numpy())]
 
 
 def pairs(results: pd.DataFrame, deep: int, against: str) -> tuple[np.ndarray, np.ndarray]:
@@ -228,7 +238,22 @@ def _verdict(
     undecided = _says(judged[0]) == UNDECIDED
     seen = pairs(results, deep, areas.STEPS)
     needed = seeds_needed(*seen, comparisons) if undecided else None
-    return Verdict(deep, rival, *judged, tuple(found), needed, least_seeds(comparisons))
+    return Verdict(
+        deep,
+        rival,
+        *judged,
+        tuple(found),
+        needed,
+        least_seeds(comparisons),
+        rising=_rises(results, deep) or _rises(results, 0),
+    )
+
+
+def _rises(results: pd.DataFrame, layers: int) -> bool:
+    """Whether an agent's mean success rose in its last test period."""
+    own = results[results["subgoal_layers"] == layers]
+    means = own.groupby("period")["success_rate"].mean().to_numpy()
+    return bool(len(means) > 1 and means[-1] - means[-2] > RISING)
 
 
 def least_seeds(comparisons: int) -> int:

@@ -148,3 +148,11 @@ def test_what_cannot_be_compared_is_said_in_a_line(make_run, capsys, tmp_path):
     assert verdict.main(["", str(tmp_path / "deep"), f"--flat={other}"]) == 2
     assert "holds results of ur5_reacher, not of" in capsys.readouterr().err
     assert verdict.main(["", str(tmp_path / "none")]) == 2
+
+
+@pytest.mark.parametrize(("last", "rising"), [(0.4, True), (0.22, False)])
+def test_success_that_was_still_rising_is_said(make_results, last, rising):
+    results = make_results({0: [[0.0, 0.2, last]] * 6, 1: [[0.0, 0.9, 0.9]] * 6})
+    (found,) = hierarchy.judge(results, {})
+    assert ("still rising at the end" in found.sentence) == rising
+    assert found.evidence[-1].quantity.endswith("over the last 2 test periods")
