@@ -5,9 +5,11 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import tasks
 from analysis.program import CommandError
 from analysis.reading import names, paper
 from hac_suite import policy_files
+from launch.folder import manifest
 
 PUBLISHED = Path(__file__).resolve().parents[2] / "assets" / "policies"
 """The best seed of each task and agent of the published grid."""
@@ -107,7 +109,7 @@ def of_task(task: str, run: Path | None, *, typed: bool) -> tuple[list[Found], P
       typed: whether the person named the task, and not the run folder alone.
 
     Raises:
-      CommandError: the run folder holds policies of another task.
+      CommandError: the run folder holds policies of another task, or of one that was edited since.
     """
     where = Path("runs", task) if run is None else run
     found = find(where / names.POLICIES)
@@ -115,6 +117,8 @@ def of_task(task: str, run: Path | None, *, typed: bool) -> tuple[list[Found], P
         return of_grid, PUBLISHED
     if found and (run is None or typed) and found[0].task != task:
         raise CommandError(f"flag --task={task}: {where} holds policies of {found[0].task}")
+    if found and found[0].task == task:
+        manifest.check_same_task(where / names.MANIFEST, tasks.find(task))
     return found, where
 
 
