@@ -37,8 +37,8 @@ COSTS = "costs.md"
 _ON_COSTS = """# What a hierarchy gains at equal cost
 
 The gain in area under the success curve over the strongest agent without subgoal layers, in points,
-with 95% intervals from pairs of seeds. Episodes times levels are proportional to the updates of all
-levels, and do not depend on the machine; core-minutes do, and include tests.
+with 95% intervals from pairs of seeds. Updates are those of all levels, and do not depend on the
+machine; core-minutes do, and include tests.
 """
 
 HEADINGS = ("claim", "verdict", "measured", "seeds", "quantity", "where")

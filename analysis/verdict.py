@@ -8,7 +8,7 @@ from absl import flags
 
 from analysis import program
 from analysis.reading import paper
-from analysis.reading.results import load, read_manifest
+from analysis.reading.results import load, read_manifest, with_updates
 from analysis.verdicts import hierarchy
 
 _HELP = """Says whether hierarchy helps: 1 and 2 subgoal layers against the strongest flat agent.
@@ -35,13 +35,13 @@ def judge(folder: Path, others: Sequence[Path]) -> list[hierarchy.Verdict]:
     Raises:
       FileNotFoundError, ValueError: as `load`; or there is nothing to compare.
     """
-    results = load(folder)
+    results = with_updates(load(folder), folder)
     tasks = sorted(set(results["task"]))
     if len(tasks) > 1:
         raise ValueError(f"{folder}: holds results of {', '.join(tasks)}; give one task's folder")
     flats = {}
     for other in others:
-        rows = load(other)
+        rows = with_updates(load(other), other)
         if set(rows["task"]) != set(tasks):
             found = ", ".join(sorted(set(rows["task"])))
             raise ValueError(f"{other}: holds results of {found}, not of {tasks[0]}")

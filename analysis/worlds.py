@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from analysis import program
 from analysis.figures.success import FLAT_LOOKS, label_periods, plot_curve, plot_success, save_png
 from analysis.reading import files, grid, names, paper
-from analysis.reading.results import load
+from analysis.reading.results import load, with_updates
 from analysis.statistics.seeds import success_per_period
 from analysis.table import as_markdown
 from analysis.verdicts import hierarchy
@@ -45,7 +45,7 @@ def load_worlds(folder: Path) -> dict[str, pd.DataFrame]:
     """
     found = {}
     for path in sorted(folder.glob(f"*/{names.RESULTS}")):
-        results = load(path.parent)
+        results = with_updates(load(path.parent), path.parent)
         found[str(results["task"].iloc[0])] = results
     if not found:
         raise ValueError(_NO_WORLDS.format(folder=folder))

@@ -5,7 +5,7 @@ from pathlib import Path
 import pandas as pd
 
 from analysis.reading import paper
-from analysis.reading.results import NoResults, load
+from analysis.reading.results import NoResults, load, with_updates
 
 FOLDER = Path(__file__).parents[1] / "data" / "grid"
 
@@ -33,7 +33,8 @@ def load_grid(folder: Path) -> dict[str, pd.DataFrame]:
     grid = {}
     for task in paper.TITLES:
         try:
-            results = load(Path(folder) / task)
+            path = Path(folder) / task
+            results = with_updates(load(path), path)
         except (FileNotFoundError, NoResults):
             continue
         if set(results["task"]) != {task}:

@@ -255,3 +255,20 @@ def read_manifest(folder: Path) -> tuple[dict[str, Any], str]:
     if not isinstance(manifest, dict):
         return {}, "manifest.json is not a run folder's manifest."
     return manifest, ""
+
+
+def with_updates(results: pd.DataFrame, folder: Path) -> pd.DataFrame:
+    """The results with a column `updates`: gradient steps of all levels of a seed so far.
+
+    Args:
+      results: of this run folder, whose manifest says how many a level makes in an episode.
+    """
+    config = read_manifest(folder)[0].get("config")
+    config = config if isinstance(config, dict) else {}
+    lowest, above = (
+        config.get(name) for name in ("updates_per_episode", "upper_updates_per_episode")
+    )
+    lowest = lowest if isinstance(lowest, int) and lowest > 0 else 1
+    above = above if isinstance(above, int) and above > 0 else lowest
+    in_an_episode = lowest + above * results["subgoal_layers"]
+    return results.assign(updates=results["train_episodes"] * in_an_episode)

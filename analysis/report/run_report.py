@@ -19,7 +19,7 @@ from analysis.figures.success import DOTS_PER_INCH, draw_seeds, draw_success
 from analysis.reading import names, paper
 from analysis.reading.episodes import load_episodes
 from analysis.reading.files import write_text
-from analysis.reading.results import load, read_manifest
+from analysis.reading.results import load, read_manifest, with_updates
 from analysis.report.explanations import explanations, recording_command
 from analysis.report.page import Picture, render
 from analysis.statistics.seeds import FEW_SEEDS, final_success, success_per_period, with_cost
@@ -68,7 +68,7 @@ def write_report(run_dir: Path) -> Path:
       FileNotFoundError, ValueError: as `load`; also when the folder mixes tasks.
     """
     run_dir = Path(run_dir)
-    results = load(run_dir)
+    results = with_updates(load(run_dir), run_dir)
     manifest, problem = read_manifest(run_dir)
     task = results["task"].iloc[0]
     name = paper.title(task)

@@ -6,11 +6,11 @@ import pandas as pd
 from analysis.statistics.seeds import core_seconds
 
 EPISODES, STEPS, SECONDS = "train_episodes", "train_steps", "core_seconds"
-LEVEL_EPISODES = "level_episodes"
+UPDATES = "updates"
 """What agents can be given equal amounts of, as columns of results.
 
-Episodes times levels are proportional to the updates of all levels, if every level makes as many in
-an episode, as by default. Unlike seconds they do not depend on the machine.
+Updates are those of all levels, as `analysis.reading.results.with_updates` counts them. Unlike
+seconds they do not depend on the machine.
 """
 
 
@@ -40,8 +40,11 @@ def common_budget(results: pd.DataFrame, against: str = EPISODES) -> float:
 
 
 def with_costs(results: pd.DataFrame) -> pd.DataFrame:
-    """The results with `LEVEL_EPISODES`, and `SECONDS` where an earlier version lacked them."""
-    levels = results["subgoal_layers"] + 1
-    return results.assign(
-        core_seconds=core_seconds(results), level_episodes=results[EPISODES] * levels
-    )
+    """The results with `SECONDS` where an earlier version lacked them, and with `UPDATES`.
+
+    Those are counted here as if every level made as many in an episode, if nobody has counted them.
+    """
+    if UPDATES not in results:
+        levels = results["subgoal_layers"] + 1
+        results = results.assign(**{UPDATES: results[EPISODES] * levels})
+    return results.assign(core_seconds=core_seconds(results))

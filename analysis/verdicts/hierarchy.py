@@ -21,7 +21,7 @@ POWER = 0.8
 EQUAL = {
     areas.STEPS: "equal environment steps",
     areas.SECONDS: "equal core-minutes",
-    areas.LEVEL_EPISODES: "equal episodes times levels",
+    areas.UPDATES: "equal updates",
     areas.EPISODES: "equal training episodes",
 }
 """What agents are given equal amounts of; the first decides."""

@@ -41,9 +41,9 @@ def test_area_is_compared_at_equal_steps_minutes_and_episodes(make_results):
     results.loc[deep, "core_seconds"] *= 2
     (found,) = hierarchy.judge(results, {})
     gains = {item.quantity: item.value for item in found.evidence if "area" in item.quantity}
-    steps, improvement, minutes, level_episodes, episodes = gains.values()
+    steps, improvement, minutes, updates, episodes = gains.values()
     assert steps > 0.15 and minutes < -0.15 and episodes == 0
-    assert level_episodes == pytest.approx(minutes)  # two levels: twice the updates
+    assert updates == pytest.approx(minutes)  # two levels: twice as many
     assert improvement > 0.9  # of a seed at equal environment steps
     assert found.says == HELPS  # environment steps decide
     assert found.short == "it helps at equal environment steps, it loses at equal core-minutes"

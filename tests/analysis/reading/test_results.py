@@ -186,3 +186,20 @@ def test_doubled_rows_are_refused(make_run):
     path.write_text(path.read_text() + path.read_text().splitlines()[-1] + "\n")
     with pytest.raises(ValueError, match="1 subgoal layer, seed 1, period 1; was"):
         load(folder)
+
+
+@pytest.mark.parametrize(
+    ("config", "of_no_layer", "of_one"),
+    [
+        ('{"updates_per_episode": 20, "upper_updates_per_episode": 10}', 20, 30),
+        ('{"updates_per_episode": 20}', 20, 40),
+        ("[]", 1, 2),  # nobody says: as many at every level
+    ],
+)
+def test_updates_are_those_of_all_levels(make_run, config, of_no_layer, of_one):
+    folder = make_run(CURVES)
+    (folder / "manifest.json").write_text(f'{{"config": {config}}}')
+    found = results.with_updates(load(folder), folder)
+    ratio = found["updates"] / found["train_episodes"]
+    last = ratio[found["period"] == 1].groupby(found["subgoal_layers"]).first()
+    assert last.tolist() == [of_no_layer, of_one]
