@@ -5,6 +5,7 @@ import copy
 import importlib
 import importlib.util
 import inspect
+import io
 import random
 import sys
 import types
@@ -75,12 +76,26 @@ def _import(word: str, id: str) -> None:
         modules = [module]
     for each in modules:
         try:
-            importlib.import_module(each)
+            with _without_notices_of_others(id):
+                importlib.import_module(each)
         except Exception as error:  # another's module can raise anything
             reason = " ".join(f"{type(error).__name__}: {error}".split())
             missing = isinstance(error, ModuleNotFoundError) and error.name in _parents(each)
             why = _NO_MODULE if missing else _BROKEN_MODULE
             raise ValueError(why.format(word=word, module=each, id=name, error=reason)) from error
+
+
+@contextlib.contextmanager
+def _without_notices_of_others(id: str) -> Iterator[None]:
+    """Drops what gymnasium-robotics 1.4 prints of Adroit's rewards whatever one imports it for."""
+    said = io.StringIO()
+    try:
+        with contextlib.redirect_stderr(said):
+            yield
+    finally:
+        for line in said.getvalue().splitlines(keepends=True):
+            if "Adroit" in id or not line.startswith("Adroit"):
+                sys.stderr.write(line)
 
 
 def _parents(module: str) -> list[str]:

@@ -1,9 +1,12 @@
 """Models of copies: compiled twice, copied after that, and never shared."""
 
+import sys
+
 import mujoco
 import numpy as np
 import pytest
 
+from tasks.worlds import making
 from tasks.worlds.making import CompiledOnce
 
 _XML = "<mujoco><worldbody><body><joint/><geom size='{size}'/></body></worldbody></mujoco>"
@@ -70,3 +73,17 @@ def test_an_error_of_the_environment_leaves_the_compilers_as_they_were():
     with pytest.raises(ValueError, match="XML"):
         CompiledOnce(lambda: mujoco.MjModel.from_xml_string("<nothing>"))()
     assert mujoco.MjModel.from_xml_string is own
+
+
+def test_a_notice_of_other_environments_of_a_package_is_dropped(tmp_path, monkeypatch, capsys):
+    (tmp_path / "noisy_worlds.py").write_text(
+        "import sys\n"
+        "print('AdroitHand has changed', file=sys.stderr)\n"
+        "print('mind the gap', file=sys.stderr)\n"
+    )
+    monkeypatch.syspath_prepend(tmp_path)
+    making._import("gym:noisy_worlds:Reach-v0", "noisy_worlds:Reach-v0")
+    assert capsys.readouterr().err == "mind the gap\n"
+    monkeypatch.delitem(sys.modules, "noisy_worlds")
+    making._import("gym:noisy_worlds:AdroitHand-v1", "noisy_worlds:AdroitHand-v1")
+    assert "AdroitHand has changed" in capsys.readouterr().err
