@@ -2,15 +2,13 @@
 
 import contextlib
 import functools
-import math
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import NamedTuple
 
 import hac_suite
 import tasks
-from analysis.program import CommandError
-from launch.asking import settings
+from launch.asking import doubts, settings
 from launch.asking.console import Console
 from launch.asking.request import Request
 from launch.folder import manifest, needs
@@ -23,7 +21,6 @@ from launch.jobs.messages import Hooks
 from launch.jobs.progress import Board
 from launch.jobs.recorder import Recorder
 from launch.pictures import summary
-from tasks.authoring import check
 
 
 class Launch(NamedTuple):
@@ -81,12 +78,12 @@ def run(request: Request, command: Sequence[str], *, work=worker.train_job) -> i
         there = [folder for folder in folders.values() if folder.path.exists()]
         _lock(there, held)
         # What is refused is refused before a folder is made.
-        _check_own_tasks(request)
+        doubts.refuse_faults(request)
         standing = _standing(launch, _interrupted(launch, there))
         jobs = _jobs(launch, standing)
-        doubts = [*_other_code(launch, standing), *_doubts(launch, jobs)]
+        said = [*_other_code(launch, standing), *_doubts(launch, jobs)]
         _lock([folder for folder in folders.values() if folder not in there], held)
-        for line in (*_notes(request), *_short(request), *doubts):
+        for line in (*doubts.notes(request), *doubts.short(request), *said):
             launch.say(line)
         recorder = _recorder(launch, command, jobs)
         _prepare(launch, recorder, standing)
@@ -95,43 +92,6 @@ def run(request: Request, command: Sequence[str], *, work=worker.train_job) -> i
             summary.present(folders.values(), request, launch.console, stop)
         recorder.close(stopped=stop.number is not None)
         return _conclude(launch, recorder)
-
-
-def _check_own_tasks(request: Request) -> None:
-    """Loads dm_control tasks of the user's own.
-
-    Raises:
-      CommandError: one does not load, or its seeds do not determine its episodes.
-    """
-    for entry in map(tasks.find, request.tasks):
-        own = getattr(entry, "composer", entry)  # None: a Gymnasium environment, checked when made
-        if own is not None and own.name not in tasks.ALL and (found := check.fault(own)):
-            raise CommandError(
-                f"{entry.name}: {found.text}; {found.remedy} with "
-                f"`python launch/check_task.py {own.word}`"
-            )
-
-
-def _notes(request: Request) -> Iterator[str]:
-    """What there is to know of how a task is handled."""
-    for task in request.tasks:
-        for kind in ("note", "warning"):
-            for text in getattr(tasks.find(task), f"{kind}s", ()):
-                yield f"{kind}: {task}: {text}"
-
-
-def _short(request: Request) -> Iterator[str]:
-    """Warns of T with which an episode ends early in training."""
-    for task in request.tasks:
-        spec = tasks.spec(task)
-        steps, own = spec.max_steps, {**spec.horizons, **request.attempts}
-        for layers in request.subgoal_layers:
-            attempts = hac_suite.horizons(steps, layers, own)
-            if math.prod(attempts) < 0.9 * steps:
-                yield (
-                    f"warning: {Agent(task, layers)}: T = {list(attempts)} allows only "
-                    f"{math.prod(attempts)} of the {steps} steps of a training episode"
-                )
 
 
 def _cluster(request: Request, held: contextlib.ExitStack) -> on_ray.Cluster | None:

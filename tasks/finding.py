@@ -213,10 +213,15 @@ def _broken(path: Path, error: BaseException) -> str:
     if isinstance(error, SyntaxError) and error.filename == str(path):
         line, reason = error.lineno, f"it is not Python: {error.msg}"
     else:
-        steps = traceback.extract_tb(error.__traceback__)
-        line = next((s.lineno for s in reversed(steps) if s.filename == str(path)), None)
+        line = line_in(str(path), error)
         reason = " ".join(f"{type(error).__name__}: {error}".split())
     return _BROKEN.format(path=path, where=f", line {line}" if line else "", error=reason)
+
+
+def line_in(path: str, error: BaseException) -> int | None:
+    """The last line of a file that an error came through; None if it did not."""
+    steps = traceback.extract_tb(error.__traceback__)
+    return next((step.lineno for step in reversed(steps) if step.filename == path), None)
 
 
 def _did_you_mean(word: str, valid: Iterable[str]) -> str | None:

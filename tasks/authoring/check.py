@@ -3,14 +3,13 @@
 import ast
 import inspect
 import textwrap
-import traceback
 from collections.abc import Callable, Iterator
 from typing import Any, Literal, NamedTuple
 
 import mujoco
 import numpy as np
 
-from tasks import base, registry
+from tasks import base, finding, registry
 from tasks.worlds import estimates, fitted, seen
 
 Verdict = Literal["good", "doubtful", "wrong"]
@@ -78,19 +77,18 @@ def fault(entry: registry.Entry) -> Finding | None:
         found = list(_deterministic(entry))
     except Exception as error:
         return _broken(entry, "the task does not load", error)
-    return next((finding for finding in found if finding.verdict == "wrong"), None)
+    return next((own for own in found if own.verdict == "wrong"), None)
 
 
 def _broken(entry: registry.Entry, what: str, error: Exception) -> Finding:
     """An exception, with the last line of the task's file that it came through."""
     reason = " ".join(f"{type(error).__name__}: {error}".split())
     file = entry.word.rpartition(":")[0]
-    steps = traceback.extract_tb(error.__traceback__)
-    lines = [step.lineno for step in steps if step.filename == file]
-    if not lines:
+    line = finding.line_in(file, error)
+    if line is None:
         return Finding("wrong", f"{what}: {reason}", "mend what it names, then check again")
-    place = f" ({file}, line {lines[-1]})"
-    return Finding("wrong", f"{what}: {reason}{place}", "mend that line, then check again")
+    text = f"{what}: {reason} ({file}, line {line})"
+    return Finding("wrong", text, "mend that line, then check again")
 
 
 # -- The class

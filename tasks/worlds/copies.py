@@ -2,10 +2,7 @@
 
 import contextlib
 import random
-import re
-import traceback
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import gymnasium
@@ -27,10 +24,6 @@ _HAS_GOAL = "{word}: it has goals of its own; --goal is for environments that ha
 _NO_THRESHOLD = (
     "{word}: --goal={goal} needs --goal_threshold, the distance within which it is achieved"
 )
-_BAD_INDEX = (
-    "{what}={text}: give elements of the observation, as in obs[0:2] or obs[0,3]{more}; there are "
-    "{size}"
-)
 _BAD_VALUE = "{what}={text}: {count} elements are chosen, but the values are {values}"
 _FIXED_GOAL = "{word}: it does not store its goal in an array `goal`, so the goal cannot be moved"
 _UNDETERMINED = (
@@ -48,22 +41,10 @@ _SHARED = (
     "{word}: copies of it are not independent: what one does changes another's episode. Keep its "
     "state in the instance, not in the class or the module"
 )
-_PICTURES = (
-    "{word}: its observations have {count} numbers, as images do, but these networks suit a few "
-    "hundred: choose what to observe, as with gymnasium's FilterObservation"
-)
-_MOST_NUMBERS, _MANY_NUMBERS = 5000, 500
-_MANY = (
-    "its observations have {count} numbers; the networks suit up to a few hundred, so choose what "
-    "to observe, as with gymnasium's FilterObservation"
-)
 _OTHER_SIZE = (
     "{word}: its {part} has {found} numbers, but its observation space declares {declared}"
 )
 GLOBAL_RANDOM = "it uses numpy's or Python's global random generators, which the suite seeds for it"
-_OF_OTHERS = re.compile(
-    re.escape(str(Path(__file__).parent)) + r"|.*[\\/](site-packages|python[\d.]+)[\\/]"
-)
 _PROBE_SEED, _PROBE_STEPS = 123, 5
 _BROKEN = [  # MuJoCo's warnings after which it resets the state in mid-episode
     int(getattr(mujoco.mjtWarning, f"mjWARN_BAD{what}")) for what in ("QPOS", "QVEL", "QACC")
@@ -109,7 +90,7 @@ class Reader:
         """Raises ValueError where there is no goal, or a choice of numbers that there are not."""
         space = env.observation_space
         self.word, self._options = word, options
-        self.goals = _has_goals(space)
+        self.goals = making.has_goals(space)
         if self.goals and options.goal:
             raise ValueError(_HAS_GOAL.format(word=word))
         if not self.goals and not options.goal:
@@ -124,12 +105,13 @@ class Reader:
         self._space = parts["observation"] if self.goals else space
         self._goal_space = parts["desired_goal"] if self.goals else None
         self._size = size = gymnasium.spaces.flatdim(self._space)
-        if size > _MOST_NUMBERS:
-            raise ValueError(_PICTURES.format(word=word, count=size))
+        self.notes = making.check_size(word, size)
         text, _, fixed = options.goal.partition("=")
-        self._goal_at = None if self.goals else _indices("--goal", text, size, "=VALUES")
+        self._goal_at = None if self.goals else making.indices("--goal", text, size, "=VALUES")
         self.fixed_goal = self._fixed(fixed) if fixed else None
-        self._subgoal_at = _indices("--subgoal", options.subgoal, size) if options.subgoal else None
+        self._subgoal_at = (
+            making.indices("--subgoal", options.subgoal, size) if options.subgoal else None
+        )
         self.adds_goal = False
 
     def _fixed(self, text: str) -> np.ndarray:
@@ -190,11 +172,6 @@ class Reader:
             )
         return flat
 
-    @property
-    def notes(self) -> list[str]:
-        """Notes for the user."""
-        return [_MANY.format(count=self._size)] if self._size > _MANY_NUMBERS else []
-
     def learn_what_is_there(self, views: Sequence[View]) -> None:
         """Finds out from views whether the observation contains the achieved goal."""
         observations = np.stack([view.observation for view in views])  # [K, D]
@@ -211,26 +188,6 @@ class Reader:
         )
         at = self._subgoal_at
         return goals, goals if at is None else tuple(f"obs[{i}]" for i in at)
-
-
-def _has_goals(space: gymnasium.Space) -> bool:
-    return isinstance(space, gymnasium.spaces.Dict) and set(making.GOAL_KEYS) <= set(space.keys())
-
-
-def _indices(what: str, text: str, size: int, more: str = "") -> np.ndarray:
-    """The numbers that `obs[0:2]` or `obs[0,3]` chooses of an observation of this size."""
-    found: list[int] = []
-    match = re.fullmatch(r"obs\[([\d:, ]*)\]", text.strip())
-    for part in match[1].split(",") if match else []:
-        span = re.fullmatch(r"\s*(\d+)(?:(:)(\d+))?\s*", part)
-        if not span:
-            found = []
-            break
-        first = int(span[1])
-        found += range(first, int(span[3]) if span[2] else first + 1)
-    if not found or max(found) >= size or len(set(found)) < len(found):
-        raise ValueError(_BAD_INDEX.format(what=what, text=text, size=size, more=more))
-    return np.array(found)
 
 
 class EnvCopy:
@@ -323,18 +280,11 @@ class EnvCopy:
         except Exception as error:  # another's code can raise anything
             reason = " ".join(f"{type(error).__name__}: {error}".split())
             options = f"options={given['options']}" if given.get("options") else ""
-            what = f"{method}({options}){_place(error)}"
+            what = f"{method}({options}){making.place(error)}"
             raise EnvFailed(
                 _FAILED.format(word=self._reader.word, what=what, error=reason)
             ) from error
         return returned
-
-
-def _place(error: Exception) -> str:
-    """The last line of the environment's own code that an error came through, if it is known."""
-    steps = traceback.extract_tb(error.__traceback__)
-    own = [step for step in steps if not _OF_OTHERS.match(step.filename)]
-    return f" ({own[-1].filename}, line {own[-1].lineno})" if own else ""
 
 
 class Pool:

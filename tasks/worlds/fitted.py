@@ -179,7 +179,8 @@ def of_world(
         observation_names=[(part, size) for part, size in parts if size],
         judge=None if about.threshold is not None else about.judge,
     )
-    world.judge = spec.goal_space.achieved
+    if about.threshold is not None:
+        world.judge = spec.goal_space.achieved
     if not about.draws_goals:
         assert played is not None
         points = estimates.reached(played, spec.goal_space.low, spec.goal_space.high)

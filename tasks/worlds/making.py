@@ -7,9 +7,12 @@ import importlib.util
 import inspect
 import io
 import random
+import re
 import sys
+import traceback
 import types
 from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
 from typing import Any, Generic, TypeVar
 
 import gymnasium
@@ -42,6 +45,22 @@ _COMPILERS = ("from_xml_path", "from_xml_string")
 _COMPARED = 2  # copies of the environment that compile, to see whether they get the same models
 
 T = TypeVar("T")
+_BAD_INDEX = (
+    "{what}={text}: give elements of the observation, as in obs[0:2] or obs[0,3]{more}; there are "
+    "{size}"
+)
+_PICTURES = (
+    "{word}: its observations have {count} numbers, as images do, but these networks suit a few "
+    "hundred: choose what to observe, as with gymnasium's FilterObservation"
+)
+_MOST_NUMBERS, _MANY_NUMBERS = 5000, 500
+_MANY = (
+    "its observations have {count} numbers; the networks suit up to a few hundred, so choose what "
+    "to observe, as with gymnasium's FilterObservation"
+)
+_OF_OTHERS = re.compile(
+    re.escape(str(Path(__file__).parent)) + r"|.*[\\/](site-packages|python[\d.]+)[\\/]"
+)
 
 
 def maker(word: str, id: str, args: Mapping[str, Any]) -> Callable[[], gymnasium.Env]:
@@ -187,6 +206,45 @@ def check_goals(word: str, parts: Mapping[str, gymnasium.Space]) -> None:
     achieved, desired = (parts[key].shape for key in GOAL_KEYS[1:])
     if achieved != desired:
         raise ValueError(_UNLIKE_GOALS.format(word=word, achieved=achieved, desired=desired))
+
+
+def has_goals(space: gymnasium.Space) -> bool:
+    """Whether observations are dictionaries with goals."""
+    return isinstance(space, gymnasium.spaces.Dict) and set(GOAL_KEYS) <= set(space.keys())
+
+
+def indices(what: str, text: str, size: int, more: str = "") -> np.ndarray:
+    """The numbers that `obs[0:2]` or `obs[0,3]` chooses of an observation of this size."""
+    found: list[int] = []
+    match = re.fullmatch(r"obs\[([\d:, ]*)\]", text.strip())
+    for part in match[1].split(",") if match else []:
+        span = re.fullmatch(r"\s*(\d+)(?:(:)(\d+))?\s*", part)
+        if not span:
+            found = []
+            break
+        first = int(span[1])
+        found += range(first, int(span[3]) if span[2] else first + 1)
+    if not found or max(found) >= size or len(set(found)) < len(found):
+        raise ValueError(_BAD_INDEX.format(what=what, text=text, size=size, more=more))
+    return np.array(found)
+
+
+def check_size(word: str, size: int) -> list[str]:
+    """Notes on observations of so many numbers.
+
+    Raises:
+      ValueError: there are as many as in images.
+    """
+    if size > _MOST_NUMBERS:
+        raise ValueError(_PICTURES.format(word=word, count=size))
+    return [_MANY.format(count=size)] if size > _MANY_NUMBERS else []
+
+
+def place(error: Exception) -> str:
+    """The last line of the environment's own code that an error came through, if it is known."""
+    steps = traceback.extract_tb(error.__traceback__)
+    own = [step for step in steps if not _OF_OTHERS.match(step.filename)]
+    return f" ({own[-1].filename}, line {own[-1].lineno})" if own else ""
 
 
 def kind(space: gymnasium.Space) -> str:

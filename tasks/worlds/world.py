@@ -93,7 +93,7 @@ class World:
             raise ValueError(_NO_LIMIT.format(word=word))
         self.max_steps: int = limit
         self.goal_points: np.ndarray | None = None
-        self.threshold = self._box() if options.threshold else None
+        self.threshold = self._given_threshold() if options.threshold else None
         self.judge = self._own_judge() if self.threshold is None else judging.by_box(self.threshold)
 
     def _own_judge(self) -> judging.Judge:
@@ -114,7 +114,7 @@ class World:
             goals,
         )
 
-    def _box(self) -> np.ndarray:
+    def _given_threshold(self) -> np.ndarray:
         count, given = int(np.prod(self.pool.reader.goal_shape)), self.pool.options.threshold
         if len(given) not in (1, count):
             raise ValueError(_THRESHOLDS.format(word=self.word, given=len(given), count=count))

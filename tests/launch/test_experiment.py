@@ -12,8 +12,7 @@ import pytest
 
 from analysis.program import CommandError
 from analysis.reading.results import load
-from launch import experiment
-from launch.asking import request
+from launch.asking import doubts, request
 from launch.asking.console import Console
 from launch.folder import manifest, results
 from launch.folder.agents import Agent, Job
@@ -243,5 +242,5 @@ def test_a_damaged_policy_costs_a_warning_and_a_damaged_number_is_refused(tmp_pa
 def test_attempts_that_span_too_few_steps_are_warned_of():
     asked = request.parse(["", "--task=pendulum_climb"])
     short = asked._replace(attempts={1: (20, 8), 2: (20, 5, 3)})
-    (warning,) = experiment._short(short)
+    (warning,) = doubts.short(short)
     assert "1 subgoal layer: T = [20, 8] allows only 160 of the 300 steps" in warning

@@ -79,7 +79,9 @@ def test_the_same_command_finds_it_finished_and_other_spaces_are_refused(trained
     file.write_text(json.dumps(manifest))
     other = program("run", trained, *words)
     played = program("play", trained, f"--task={POINT}", ARGS, "--output=strip.png")
+    held = program("final_success", trained, f"--task={POINT}", ARGS)
     file.write_text(text)
+    assert held.returncode == 2 and "trained on another version of the task" in held.stderr
     assert played.returncode == 2 and "trained on another version of the task" in played.stderr
     assert other.returncode == 2 and "goal (estimated) is" in other.stderr
     assert "subgoal (estimated)" not in other.stderr
