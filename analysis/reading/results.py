@@ -32,6 +32,7 @@ _MISSING_COLUMNS = "{path}: lacks the column(s) {names}"
 _REPEATED_COLUMNS = "{path}: names the column(s) {names} twice"
 _WRONG_LENGTH = "{path}, line {line}: {got} values where the header names {expected} columns"
 _BAD_VALUE = "{path}, line {line}: {column} is {value!r}, not {expected}"
+_UPDATES = 20  # of a level in an episode, by default: folders without a manifest have had as many
 _DUPLICATES = "results hold more than one row for {rows}; was a run folder given twice?"
 _CUT_SHORT = "{path}: the last line has no line end, so it is incomplete; it is ignored"
 
@@ -268,7 +269,7 @@ def with_updates(results: pd.DataFrame, folder: Path) -> pd.DataFrame:
     lowest, above = (
         config.get(name) for name in ("updates_per_episode", "upper_updates_per_episode")
     )
-    lowest = lowest if isinstance(lowest, int) and lowest > 0 else 1
+    lowest = lowest if isinstance(lowest, int) and lowest > 0 else _UPDATES
     above = above if isinstance(above, int) and above > 0 else lowest
     in_an_episode = lowest + above * results["subgoal_layers"]
     return results.assign(updates=results["train_episodes"] * in_an_episode)
