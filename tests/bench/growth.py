@@ -6,14 +6,15 @@ from typing import Any
 
 import hac_suite
 from tests.bench.population import TASK, Training
-from tests.bench.repeats import REPEATS, rounded, summary
+from tests.bench.repeats import rounded, summary
 from tests.bench.team import Team, held_memory
 
 SEEDS = (1, 2, 5, 10, 20)
 LEVELS = (1, 2, 3, 4)
-ROWS = (10_000, 100_000, 1_000_000)
+ROWS = (10_000, 100_000, 1_000_000, 10_000_000)
+_REPEATS = 3
 _SEEDS_BY_LEVELS = 5
-_SEEDS_BY_ROWS = 2
+_SEEDS_BY_ROWS = 1
 _MEMORY_SEEDS = (5, 10, 20)
 _MEMORY_EPISODES = 3000
 
@@ -43,8 +44,7 @@ class Memory:
 
     def __call__(self) -> float:
         """GiB at most, as of now."""
-        self._training.round()
-        self._training.fill(self._training.rows_after(_MEMORY_EPISODES))
+        self._training.fill_as_after(_MEMORY_EPISODES)
         self._training.round()
         return held_memory()
 
@@ -74,7 +74,7 @@ def growth(say: Callable[[str], None]) -> dict[str, Any]:
 def _seconds(values: Sequence[int], cases: Sequence[tuple]) -> dict[str, Any]:
     """Medians and their intervals, of cases in one process that take turns."""
     with Team(Cases, [(cases,)]) as team:
-        turns = [team.work()[1][0] for _ in range(1 + REPEATS)][1:]  # the first is a warm-up
+        turns = [team.work()[1][0] for _ in range(1 + _REPEATS)][1:]  # the first is a warm-up
     medians = {}
     intervals = {}
     for value, samples in zip(values, zip(*turns, strict=True), strict=True):

@@ -23,7 +23,7 @@ WORKERS = 2
 SEEDS = 10
 PERIODS = 10
 LAYERS = (0, 1, 2)
-_ROUNDS = 3  # timed in each process
+_ROUNDS = 2  # timed in each process
 _HOW = (
     "extrapolated to 3000 episodes a seed and 11 test periods: start-up + 750 rounds + 11 tests of "
     "each job that a launch with 2 workers plans; rounds and tests timed with both cores busy, of "
@@ -88,8 +88,7 @@ class JobSample:
 
     def __call__(self, rounds: int) -> Sample:
         training = self._training
-        training.round()
-        training.fill(training.rows_after(_episodes()))
+        training.fill_as_after(_episodes())
         works = [training.round() for _ in range(rounds)]
         seconds, result = training.test()
         saved = save_policies(result.policies)

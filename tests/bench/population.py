@@ -84,22 +84,30 @@ class Training:
         result = self._training.test(1)
         return time.perf_counter() - start, result
 
-    def rows_after(self, episodes: int) -> list[int]:
-        """Per level: about how many rows a seed's replay buffer gets in so many episodes."""
-        return [
-            int(replay.sizes.mean() / self.episodes * episodes)
-            for replay in self._training.population.replays
-        ]
-
     def fill(self, rows: Sequence[int]) -> None:
         """Plays a round, and stores it again until each buffer of level i holds rows[i]."""
+        self._store_again(self._recorded_round(), rows)
+
+    def fill_as_after(self, episodes: int) -> None:
+        """Plays a round, and stores it again: about what the buffers hold after the episodes."""
+        stored = self._recorded_round()
+        per_episode = [r.sizes.mean() / self.episodes for r in self._training.population.replays]
+        self._store_again(stored, [int(rows * episodes) for rows in per_episode])
+
+    def _recorded_round(self) -> list[list[tuple]]:
+        """Plays a round; what it stored, per level as arguments of the replay buffer's `add`."""
         replays = self._training.population.replays
         stored: list[list[tuple]] = [[] for _ in replays]
         for replay, calls in zip(replays, stored, strict=True):
             replay.add = _recorded(replay.add, calls)  # type: ignore[method-assign]
         self.round()
-        for replay, calls, wanted in zip(replays, stored, rows, strict=True):
+        for replay in replays:
             del replay.add
+        return stored
+
+    def _store_again(self, stored: Sequence[Sequence[tuple]], rows: Sequence[int]) -> None:
+        replays = self._training.population.replays
+        for replay, calls, wanted in zip(replays, stored, rows, strict=True):
             while (held := replay.sizes.min()) < min(wanted, replay.capacity):
                 for arguments in calls:
                     replay.add(*arguments)

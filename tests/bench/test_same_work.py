@@ -88,10 +88,11 @@ def test_goals_out_of_reach_are_not_achieved_by_what_is_near():
 
 def test_buffers_are_filled_with_what_rounds_store():
     training = Training(TASK, CONFIG, SEEDS, 1)
-    training.round()
-    assert training.rows_after(2 * training.episodes) >= [1, 1]
-    training.fill([4000, 10**9])
     replays = training._training.population.replays
+    training.fill_as_after(3 * CONFIG.episodes_per_round)
+    in_a_round = replays[0].sizes.mean() / 3
+    assert 0 < in_a_round < CONFIG.replay_capacity / 3
+    training.fill([4000, 10**9])
     assert replays[0].sizes.min() >= 4000
     assert list(replays[1].sizes) == [CONFIG.replay_capacity] * len(SEEDS)
     assert "add" not in vars(replays[0])
