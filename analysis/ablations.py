@@ -1,4 +1,4 @@
-"""Ablations: agents with one choice of HAC changed, compared with those of the paper."""
+"""Ablations: agents with one choice of HAC changed, compared with unchanged ones."""
 
 import sys
 from collections.abc import Sequence
@@ -17,7 +17,7 @@ from analysis.reading.files import write_atomically
 from analysis.reading.results import NoResults, load
 from analysis.statistics.seeds import bootstrap, episodes_to, mean_interval
 
-_HELP = """Compares ablations: agents with one choice changed against those of the paper's text.
+_HELP = """Compares ablations: agents with one choice changed against unchanged ones.
 
   python -m analysis.ablations --data=runs/ablations
 
@@ -33,7 +33,7 @@ FOLDER = Path(__file__).parent / "data" / "ablations"
 NAME = "ablations"
 REFERENCE = "paper"
 LABELS = {
-    REFERENCE: "preset `paper`",
+    REFERENCE: "unchanged",
     "release_2018": "choices of the 2018 release",
     "release_2020": "choices of the 2020 release",
     "no_subgoal_tests": "no subgoal testing",
@@ -64,13 +64,13 @@ def load_variants(folder: Path) -> pd.DataFrame:
 
 
 def compare(results: pd.DataFrame) -> pd.DataFrame:
-    """A row per task, agent and variant, those of the paper first.
+    """A row per task, agent and variant, the unchanged first.
 
     Returns:
       `n` seeds; `final` success at the last period that all variants have, and `area`, the mean
       success of all trained periods until then (the area under the curve), each with `_low` and
-      `_high`, its 95% interval over seeds; `difference` of the area from the paper's variant, with
-      its interval; `episodes_to_80`, the median seed's.
+      `_high`, its 95% interval over seeds; `difference` of the area from that of the unchanged,
+      with its interval; `episodes_to_80`, the median seed's.
     """
     rows = []
     for (task, layers), of_agent in results.groupby(["task", "subgoal_layers"]):
@@ -163,7 +163,7 @@ HEADINGS = (
     "n",
     "last period",
     "mean of all periods",
-    "minus that of `paper`",
+    "minus that of the unchanged",
     "episodes to 80%",
 )
 

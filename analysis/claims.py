@@ -36,9 +36,9 @@ WHY_FILE = "claims_why.json"
 COSTS = "costs.md"
 _ON_COSTS = """# What a hierarchy gains at equal cost
 
-The gain in area under the success curve over the strongest agent without subgoal layers, in points,
-with 95% intervals from pairs of seeds. Updates are those of all levels, and do not depend on the
-machine; core-minutes do, and include tests.
+The gain in area under the success curve over the agent without subgoal layers that is the strongest
+at equal cost of that kind, in points, with 95% intervals from pairs of seeds. Updates are those of
+all levels, and do not depend on the machine; core-minutes do, and include tests.
 """
 
 HEADINGS = ("claim", "verdict", "measured", "seeds", "quantity", "where")
@@ -53,8 +53,9 @@ METHOD = (
     "Intervals of counted seeds are exact binomial ones. An interval of zero width means that all "
     "seeds agree, not that the estimate is exact.",
     "(a) and (b) compare with the strongest agent without subgoal layers on each task: the one "
-    "with the largest mean area. Weaker ones are shown and decide nothing. Choosing the baseline "
-    "by the data that it is judged on can only favour the baseline.",
+    "with the largest mean area, over as many episodes as all of them have. Weaker ones are shown "
+    "and decide nothing. Choosing the baseline by the data that it is judged on can only favour "
+    "the baseline.",
     "Areas and episodes to 80% end where the first seed of a task ends. A seed that never reaches "
     "80% counts as reaching it there. The p values are from a permutation test for areas, "
     "Mann-Whitney for the probability of improvement, log-rank for episodes, and sign flips for "

@@ -105,7 +105,7 @@ class LearnerConfig(_Part):
     initial_q: float = -0.067  # R20: the bounded critic's optimistic start
     saturation_penalty: float = 1e-4  # ours: on the actor's squared output before the tanh
     target_rate: float = 0.05  # R18: Polyak; 0 learns from the online networks, as R20 does
-    # Tests run an average of the actor that moves by this share an update, and by more at first:
+    # Tests run an average of the actor that moves by this share an actor update, more at first:
     # R18's is its target actor, at 0.05; R20 tests the actor itself, which is what 0 does. Ours is
     # slower: a curve then shows what was learnt and not the last few batches.
     tested_actor_rate: float = 0.0005

@@ -47,7 +47,7 @@ def q_values(
     for critic, actor, spec, goal in zip(policy.critics, actors, levels, goals, strict=True):
         columns = [
             actor(observation, goal),
-            observation / spec.observation_scale,
+            spec.scaled(observation),
             spec.goal_space.normalise(goal),
             np.ones((len(observation), 1)),
         ]

@@ -45,10 +45,13 @@ launch/run.py would give for the variants."""
 
 
 def _choices_of(preset: str) -> dict[str, Any]:
-    """Where a preset differs from the paper's, but for how much is learnt from an episode."""
-    paper = dataclasses.asdict(hac_suite.PRESETS["paper"])
+    """A preset's values where presets differ, but for how much is learnt from an episode.
+
+    So a variant is the same whichever preset --config gives.
+    """
+    every = [dataclasses.asdict(config) for config in hac_suite.PRESETS.values()]
     own = dataclasses.asdict(hac_suite.PRESETS[preset])
-    differ = {name: value for name, value in own.items() if value != paper[name]}
+    differ = {name: own[name] for name in own if any(one[name] != own[name] for one in every)}
     return {name: value for name, value in differ.items() if name not in _SAME_WORK}
 
 

@@ -132,7 +132,8 @@ def fit(task: tasks.Unfitted, train_episodes: int, say: Callable[[str], None]) -
     learnt = _learnt(task, settings, episodes) if episodes else None
     everything = estimates.joined([random, learnt]) if learnt else random
     if learnt:
-        settings = estimates.settings(task.about, everything)
+        about = task.about._replace(max_steps=settings.max_steps)  # as the agent's episodes had
+        settings = estimates.settings(about, everything)
     warned = seen.warnings(task.about, random, everything, settings, task.own)
     return Fit(settings, random, learnt, list(warned))
 

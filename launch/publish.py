@@ -112,7 +112,11 @@ def publish(folder: RunFolder, data: Path, chosen: Path, *, add: bool = False) -
             before.join(runs)
     with files.swapping(chosen) as output:
         if add:
-            found += [own for own in policies.find(output) if own.task == folder.task]
+            found += [
+                own
+                for own in policies.find(output)
+                if own.task == folder.task and (own.subgoal_layers, own.seed) not in runs
+            ]
         best = _publish_policies(folder.task, found, output)
     return [data / folder.task / file.name for file in written] + [
         chosen / file.name for file in best

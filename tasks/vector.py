@@ -80,6 +80,7 @@ class VectorEnv:
         self.subgoal_space = self.spec.subgoal_space
         self.observation_dim = self.spec.observation_dim
         self.observation_scale = self.spec.observation_scale
+        self.observation_offset = self.spec.observation_offset
         self.action_low, self.action_high = self.spec.action_low, self.spec.action_high
         self._seeds = np.random.RandomState(seed)
         self._episode_random = np.random.RandomState(0)

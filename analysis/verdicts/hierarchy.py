@@ -3,6 +3,7 @@
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -13,7 +14,7 @@ from analysis.statistics import areas, comparison
 from analysis.statistics.seeds import bootstrap
 from analysis.verdicts import evidence
 from analysis.verdicts.evidence import LEAST_SEEDS, NOT_SUPPORTED, SUPPORTED, Evidence
-from analysis.verdicts.speed_claims import Rival, rivals
+from analysis.verdicts.speed_claims import Rival, strongest
 
 LATE_PERIODS = 3
 POWER = 0.8
@@ -27,6 +28,7 @@ EQUAL = {
 """What agents are given equal amounts of; the first decides."""
 HELPS, HURTS, SMALL, UNDECIDED = "it helps", "it loses", "no gain that matters", "undecided"
 
+_NO_GAIN = 1e-9  # a mean of areas that is not zero for its roundings only
 RISING = 0.05
 """Success that rises by more than this from the test period before the last to the last."""
 _STILL_RISING = "Success was still rising at the end, so longer training may change this."
@@ -42,7 +44,7 @@ class Verdict:
 
     Attributes:
       subgoal_layers: of the agent that is judged.
-      rival: the name of the flat agent that it was compared with.
+      rivals: by key of `EQUAL`, the name of the strongest flat agent, which it is compared with.
       deciding: the difference in area at equal environment steps, judged.
       minutes: that at equal core-minutes, judged.
       evidence: all that was measured, the deciding difference first.
@@ -52,7 +54,7 @@ class Verdict:
     """
 
     subgoal_layers: int
-    rival: str
+    rivals: Mapping[str, str]
     deciding: Evidence
     minutes: Evidence
     evidence: tuple[Evidence, ...]
@@ -84,15 +86,24 @@ class Verdict:
         )
         text = (
             f"{paper.agent_name(self.subgoal_layers)}: {'; '.join(compared)}. Points of area under "
-            f"the success curve, against the flat agent{f' ({self.rival})' if self.rival else ''}, "
+            f"the success curve, against the flat agent{self._named()}, "
             f"{pairs} pair{'' if pairs == 1 else 's'} of seeds."
         )
         if self.says == UNDECIDED:
             text = f"{text} {self._what_it_takes()}"
         return f"{text} {_STILL_RISING}" if self.rising else text
 
+    def _named(self) -> str:
+        """Which flat agent, where there are several: the strongest at equal cost of each kind."""
+        steps, minutes = self.rivals[areas.STEPS], self.rivals[areas.SECONDS]
+        if steps == minutes:
+            return f" ({steps})" if steps else ""
+        return f" ({steps} at {EQUAL[areas.STEPS]}, {minutes} at {EQUAL[areas.SECONDS]})"
+
     def _what_it_takes(self) -> str:
         if self.seeds_needed is None:
+            if self.deciding.seeds[0] >= self.least_seeds:
+                return "The agents were equally good, so no number of seeds would decide it."
             return f"At least {self.least_seeds} seeds of each agent are needed to decide it."
         seen = evidence.direction(self.deciding).removeprefix("a ")
         return (
@@ -118,21 +129,23 @@ def judge(results: pd.DataFrame, flats: Mapping[str, pd.DataFrame]) -> list[Verd
     Raises:
       ValueError: there is nothing to compare: no flat agent, no hierarchy, or no seed of both.
     """
-    task = str(results["task"].iloc[0])
-    rival = rivals({task: results}, {name: {task: rows} for name, rows in flats.items()})[task]
-    complete = areas.with_costs(rival.results)
-    layers = sorted(set(complete["subgoal_layers"]))
+    own = areas.with_costs(results)
+    others = {name: areas.with_costs(rows) for name, rows in flats.items()}
+    found = {against: strongest(own, others, against) for against in EQUAL}
+    layers = sorted(set(found[areas.STEPS].results["subgoal_layers"]))
     if layers[0] != 0 or len(layers) < 2:
         raise ValueError(_nothing(layers))
-    own = [_measure(task, complete, deep, rival) for deep in layers[1:]]
+    late = strongest(own, others, score=_late)
+    measured = [_measure(deep, found, late) for deep in layers[1:]]
     steps, minutes = (
-        evidence.judge_gains([_at_equal(items, against) for items in own])
+        evidence.judge_gains([_at_equal(items, against) for items in measured])
         for against in (areas.STEPS, areas.SECONDS)
     )
-    judged = zip(steps, minutes, strict=True)
     return [
-        _verdict(deep, rival.name, both, items, complete, len(own))
-        for deep, both, items in zip(layers[1:], judged, own, strict=True)
+        _verdict(deep, found, both, items, len(measured))
+        for deep, both, items in zip(
+            layers[1:], zip(steps, minutes, strict=True), measured, strict=True
+        )
     ]
 
 
@@ -140,11 +153,20 @@ COST_HEADINGS = ("agents", *EQUAL.values())
 
 
 def costs(verdicts: Sequence[Verdict]) -> list[tuple[str, ...]]:
-    """The gains in area at equal amounts of each key of `EQUAL`, under `COST_HEADINGS`."""
+    """The gains in area at equal amounts of each key of `EQUAL`, under `COST_HEADINGS`.
+
+    Beside each is the flat agent that is the strongest there, where there are several.
+    """
     return [
-        (own.deciding.agents, *(_at_equal(own.evidence, of).without_unit for of in EQUAL))
+        (f"{own.subgoal_layers} against 0", *(_gain(own, against) for against in EQUAL))
         for own in verdicts
     ]
+
+
+def _gain(verdict: Verdict, against: str) -> str:
+    rival = verdict.rivals[against]
+    gain = _at_equal(verdict.evidence, against).without_unit
+    return f"{gain} ({rival})" if rival else gain
 
 
 HEADINGS = ("agents", "quantity", "pairs of seeds", "value [95% interval]", "p")
@@ -168,30 +190,52 @@ def _nothing(layers: Sequence[int]) -> str:
     )
 
 
-def _measure(task: str, results: pd.DataFrame, deep: int, rival: Rival) -> list[Evidence]:
-    agents = f"{deep} against 0" + (f" ({rival.name})" if rival.name else "")
-    found = []
+def _measure(deep: int, found: Mapping[str, Rival], late: Rival) -> list[Evidence]:
+    """All differences of an agent; `late` is the flat agent that is the strongest at the end."""
+    task = str(late.results["task"].iloc[0])
+    measured = []
     for against, equal in EQUAL.items():
-        new, old = pairs(results, deep, against)
+        agents = _agents(deep, found[against])
+        new, old = pairs(found[against].results, deep, against)
         if not len(new):
             raise ValueError(
                 f"no seed was trained with both {deep} and 0 subgoal layers, and agents are "
                 "compared by seed"
             )
-        found.append(_difference(task, agents, _AREA.format(equal=equal), new - old))
+        measured.append(_difference(task, agents, _AREA.format(equal=equal), new - old))
         if against == areas.STEPS:
             improvement = comparison.probability_of_improvement
-            found.append(
+            measured.append(
                 Evidence(
                     task, agents, _IMPROVEMENT.format(equal=equal), "share", (len(new),),
                     float(improvement(new, old)), *bootstrap([new, old], improvement),
                     comparison.rank_p(new, old),
                 )
             )  # fmt: skip
-    late = _late(results, deep) - _late(results, 0)
-    periods = min(LATE_PERIODS, results.loc[results["period"] > 0, "period"].nunique())
-    final = _FINAL.format(periods=periods)
-    return [*found, _difference(task, agents, final, late.dropna().to_numpy())]
+    compared = _compared(late.results, deep, areas.EPISODES)
+    new, old = (_late(rows, compared.budget) for rows in (compared.new, compared.old))
+    final = _FINAL.format(periods=min(LATE_PERIODS, _last_period(compared)))
+    return [*measured, _difference(task, _agents(deep, late), final, (new - old).to_numpy())]
+
+
+def _agents(deep: int, rival: Rival) -> str:
+    return f"{deep} against 0" + (f" ({rival.name})" if rival.name else "")
+
+
+class _Compared(NamedTuple):
+    """Results of the seeds that both agents have, and how far all of these were trained."""
+
+    new: pd.DataFrame
+    old: pd.DataFrame
+    budget: float
+
+
+def _compared(results: pd.DataFrame, deep: int, against: str) -> _Compared:
+    new, old = (results[results["subgoal_layers"] == layers] for layers in (deep, 0))
+    shared = set(new["seed"]) & set(old["seed"])
+    new, old = (rows[rows["seed"].isin(shared)] for rows in (new, old))
+    budget = areas.common_budget(pd.concat([new, old]), against) if shared else 0.0
+    return _Compared(new, old, budget)
 
 
 def pairs(results: pd.DataFrame, deep: int, against: str) -> tuple[np.ndarray, np.ndarray]:
@@ -199,13 +243,9 @@ def pairs(results: pd.DataFrame, deep: int, against: str) -> tuple[np.ndarray, n
 
     Both are taken until the amount of `against` that all these seeds have behind them.
     """
-    both = results[results["subgoal_layers"].isin([0, deep])]
-    budget = areas.common_budget(both, against)
-    new, old = (
-        areas.areas(both[both["subgoal_layers"] == layers], budget, against) for layers in (deep, 0)
-    )
-    shared = new.index.intersection(old.index)
-    return new[shared].to_numpy(), old[shared].to_numpy()
+    new, old, budget = _compared(results, deep, against)
+    first, second = (areas.areas(rows, budget, against).to_numpy() for rows in (new, old))
+    return first, second
 
 
 def _difference(task: str, agents: str, quantity: str, gains: np.ndarray) -> Evidence:
@@ -214,11 +254,16 @@ def _difference(task: str, agents: str, quantity: str, gains: np.ndarray) -> Evi
     return Evidence(task, agents, quantity, "points", (len(gains),), *value, p)
 
 
-def _late(results: pd.DataFrame, layers: int) -> pd.Series:
-    """Success over the last test periods, by seed."""
-    own = results[(results["subgoal_layers"] == layers) & (results["period"] > 0)]
+def _late(results: pd.DataFrame, budget: float, against: str = areas.EPISODES) -> pd.Series:
+    """By seed, the success of one agent over its last test periods until the budget."""
+    own = results[(results["period"] > 0) & (results[against] <= budget)]
     late = own.sort_values("period").groupby("seed").tail(LATE_PERIODS)
     return late.groupby("seed")["success_rate"].mean()
+
+
+def _last_period(compared: _Compared) -> int:
+    within = compared.new[compared.new[areas.EPISODES] <= compared.budget]
+    return int(within["period"].max())
 
 
 def _at_equal(found: Sequence[Evidence], against: str) -> Evidence:
@@ -228,31 +273,31 @@ def _at_equal(found: Sequence[Evidence], against: str) -> Evidence:
 
 def _verdict(
     deep: int,
-    rival: str,
+    found: Mapping[str, Rival],
     judged: tuple[Evidence, Evidence],
-    found: Sequence[Evidence],
-    results: pd.DataFrame,
+    measured: Sequence[Evidence],
     comparisons: int,
 ) -> Verdict:
     """`judged` are the differences in area at equal environment steps and core-minutes."""
     undecided = _says(judged[0]) == UNDECIDED
+    results = found[areas.STEPS].results
     seen = pairs(results, deep, areas.STEPS)
-    needed = seeds_needed(*seen, comparisons) if undecided else None
+    compared = _compared(results, deep, areas.EPISODES)
     return Verdict(
         deep,
-        rival,
+        {against: rival.name for against, rival in found.items()},
         *judged,
-        tuple(found),
-        needed,
+        tuple(measured),
+        seeds_needed(*seen, comparisons) if undecided else None,
         least_seeds(comparisons),
-        rising=_rises(results, deep) or _rises(results, 0),
+        rising=any(_rises(rows, compared.budget) for rows in (compared.new, compared.old)),
     )
 
 
-def _rises(results: pd.DataFrame, layers: int) -> bool:
-    """Whether an agent's mean success rose in its last test period."""
-    own = results[results["subgoal_layers"] == layers]
-    means = own.groupby("period")["success_rate"].mean().to_numpy()
+def _rises(results: pd.DataFrame, budget: float) -> bool:
+    """Whether an agent's mean success rose in the last test period until the budget."""
+    within = results[results[areas.EPISODES] <= budget]
+    means = within.groupby("period")["success_rate"].mean().to_numpy()
     return bool(len(means) > 1 and means[-1] - means[-2] > RISING)
 
 
@@ -273,7 +318,7 @@ def seeds_needed(new: np.ndarray, old: np.ndarray, comparisons: int = 1) -> int 
     from fewer than 3 pairs, or where no difference was seen.
     """
     gains = new - old
-    if len(gains) < 3 or not gains.mean():
+    if len(gains) < 3 or np.isclose(gains.mean(), 0, atol=_NO_GAIN):
         return None
     spread = gains.std(ddof=1) / abs(gains.mean())
     alpha = evidence.ALPHA / comparisons

@@ -79,9 +79,10 @@ class Records:
         path = self._folder / names.ANATOMY
         described = json.loads(files.read_text(path))
         # An agent's episode that was chosen among other seeds of it is as good a one.
-        agents = {episode["subgoal_layers"] for episode in self._anatomy}
+        kept = [own for own in self._anatomy if (own["subgoal_layers"], own["seed"]) not in runs]
+        agents = {episode["subgoal_layers"] for episode in kept}
         new = [own for own in described["episodes"] if own["subgoal_layers"] not in agents]
-        described["episodes"] = [*self._anatomy, *new]
+        described["episodes"] = sorted([*kept, *new], key=lambda own: own["subgoal_layers"])
         files.write_text(path, json.dumps(described) + "\n")
 
 

@@ -2,6 +2,7 @@
 
 import contextlib
 import random
+import weakref
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
@@ -310,6 +311,8 @@ class Pool:
         self.reader = Reader(word, first, options)
         self.notes = self.reader.notes
         self._seeds_global = False
+        # How many copies each adapter plays in.
+        self._users: weakref.WeakKeyDictionary[object, int] = weakref.WeakKeyDictionary()
         self._copies = [EnvCopy(first, self.reader, False)]
         self._check_seeds()
         self._check_independence()
@@ -330,15 +333,18 @@ class Pool:
         simulation = self._copies[0].simulation
         return 0 if simulation is None else sum(part.nbuffer for part in simulation)
 
-    def copies(self, count: int) -> list[EnvCopy]:
-        """The first `count` copies."""
+    def copies(self, count: int, user: object = None) -> list[EnvCopy]:
+        """The first `count` copies; they stay open until the `user` closes them."""
+        if user is not None:
+            self._users[user] = count
         while len(self._copies) < count:
             self._copies.append(EnvCopy(self._make(), self.reader, self._seeds_global))
         return self._copies[:count]
 
-    def close(self) -> None:
-        """Closes all copies but the first."""
-        while len(self._copies) > 1:
+    def close(self, user: object) -> None:
+        """Closes the copies that nobody but the user plays in, but for the first."""
+        self._users.pop(user, None)
+        while len(self._copies) > max([1, *self._users.values()]):
             self._copies.pop().env.close()
 
     def _check_seeds(self) -> None:

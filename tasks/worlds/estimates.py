@@ -126,13 +126,21 @@ def play(env: Any, judge: judging.Judge, act: Act, seeds: np.ndarray, *, test: b
 
 
 def joined(parts: Sequence[Played]) -> Played:
-    """All the episodes of several."""
-    return Played(
-        *(
-            np.concatenate([getattr(p, name) for p in parts], axis=1 if name in _TIMES else 0)
-            for name in Played._fields
-        )
-    )
+    """All the episodes of several parts; the shorter ones stay where they end."""
+    longest = max(len(part.observation) for part in parts)
+    fields: dict[str, np.ndarray] = {}
+    for name in Played._fields:
+        found = [getattr(part, name) for part in parts]
+        if name in _TIMES:
+            fields[name] = np.concatenate([_as_long(own, longest) for own in found], axis=1)
+        else:
+            fields[name] = np.concatenate(found)
+    return Played(**fields)
+
+
+def _as_long(entries: np.ndarray, longest: int) -> np.ndarray:
+    """Entries by time, the last one repeated until there are so many."""
+    return np.pad(entries, [(0, longest - len(entries)), (0, 0), (0, 0)], mode="edge")
 
 
 def random_episodes(

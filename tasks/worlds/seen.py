@@ -91,8 +91,9 @@ def warnings(
     if found.failed > _SOME:
         steps = float(np.median(random.steps[random.failed]))
         yield _FAILED.format(share=found.failed, steps=steps)
-    if found.cut > _SOME:
-        yield _CUT.format(share=found.cut)
+    cut = (random.cut & (random.steps + 1 < settings.max_steps)).mean()
+    if cut > _SOME:
+        yield _CUT.format(share=cut)
     if not overlap(about, everything, settings):
         yield _NO_OVERLAP
     yield from _unreached(about, everything, settings)

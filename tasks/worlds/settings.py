@@ -30,6 +30,10 @@ _NOT_COUNT = "{where}: max_steps takes a count, not {value!r}"
 _NOT_HORIZONS = (
     "{where}: horizons.{name} takes {count} counts, the lowest level's first, not {value!r}"
 )
+_NO_TABLE = (
+    "{where}: horizons is a table of subgoal layers, as in [horizons] with a line 1 = [17, 18] "
+    "below it, not {value!r}"
+)
 _SURPLUS = "{where}: there is no setting {name!r}; there are {names}"
 
 
@@ -77,7 +81,7 @@ def read(found: Mapping[str, Any], where: str) -> Settings:
     """
     _refuse_surplus(found, where)
     flat: dict[str, Any] = {"max_steps": found.get("max_steps"), "horizons": {}}
-    if not isinstance(flat["max_steps"], int) or flat["max_steps"] < 1:
+    if type(flat["max_steps"]) is not int or flat["max_steps"] < 1:
         raise ValueError(_NOT_COUNT.format(where=where, value=flat["max_steps"]))
     for name in _LISTS:
         part, _, field = name.partition(".")
@@ -85,7 +89,10 @@ def read(found: Mapping[str, Any], where: str) -> Settings:
         if not isinstance(own, Mapping) or field not in own:
             raise ValueError(_MISSING.format(where=where, name=name))
         flat[name.replace(".", "_")] = _numbers(own[field], where, name)
-    for layers, counts in found.get("horizons", {}).items():
+    horizons = found.get("horizons", {})
+    if not isinstance(horizons, Mapping):
+        raise ValueError(_NO_TABLE.format(where=where, value=horizons))
+    for layers, counts in horizons.items():
         flat["horizons"][int(layers)] = _counts(layers, counts, where)
     return Settings(**flat)
 

@@ -159,7 +159,7 @@ class Adapter:
         vector.check_number(num_envs)
         self.num_envs, self.max_steps = num_envs, world.max_steps
         self._world, self._pool = world, world.pool
-        self._copies: list[EnvCopy] = self._pool.copies(num_envs)
+        self._copies: list[EnvCopy] = self._pool.copies(num_envs, self)
         self.action_low = self._pool.actions.low.ravel().astype(np.float64)
         self.action_high = self._pool.actions.high.ravel().astype(np.float64)
         self.control_timestep = world.control_timestep
@@ -183,6 +183,7 @@ class Adapter:
         if seeds.shape != (self.num_envs,) or seeds.min() < 0 or seeds.max() >= _SEEDS:
             raise ValueError(f"seeds must be {self.num_envs} integers in [0, 2**32), got {seeds}")
         options = self._pool.options.test if test else self._pool.options.train
+        self._copies = self._pool.copies(self.num_envs, self)  # others, after `close`
         for i in self._chosen(mask):
             copy, seed = self._copies[i], int(seeds[i])
             copy.owner = self
@@ -303,8 +304,8 @@ class Adapter:
         return _fitted_into(picture[..., :3].astype(np.uint8), height, width)
 
     def close(self) -> None:
-        """Frees the copies; they are made again when they are needed again."""
-        self._pool.close()
+        """Frees the copies that no other adapter plays in; the next reset makes them again."""
+        self._pool.close(self)
 
 
 def _finite_part(view: View) -> View:

@@ -3,6 +3,7 @@
 import re
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from analysis import verdict
@@ -84,9 +85,64 @@ def test_the_strongest_flat_agent_counts(make_results):
     strong = make_results({0: like([0, 0.9, 0.95, 1.0])})
     found = hierarchy.judge(results, {"TD3": strong})
     assert [one.subgoal_layers for one in found] == [1, 2]
-    assert {one.says for one in found} == {HURTS} and {one.rival for one in found} == {"TD3"}
+    assert {one.says for one in found} == {HURTS}
+    assert {name for one in found for name in one.rivals.values()} == {"TD3"}
     weak = make_results({0: [[0.0] * 4] * 8})
-    assert {one.rival for one in hierarchy.judge(results, {"TD3": weak})} == {"DDPG+HER"}
+    found = hierarchy.judge(results, {"TD3": weak})
+    assert {name for one in found for name in one.rivals.values()} == {"DDPG+HER"}
+
+
+def test_the_strongest_flat_agent_is_chosen_at_what_is_equal(make_results):
+    """One is better per episode; it takes eight times as many environment steps."""
+    results = make_results({0: like([0.0, 0.4, 0.5, 0.6]), 1: like(FAST)})
+    other = make_results({0: like([0.0, 0.6, 0.7, 0.5])})
+    other["train_steps"] *= 8
+    (found,) = hierarchy.judge(results, {"TD3": other})
+    assert (found.rivals["train_episodes"], found.rivals["train_steps"]) == ("TD3", "DDPG+HER")
+    assert "(DDPG+HER at equal environment steps, TD3 at equal core-minutes)" in found.sentence
+    named = {item.quantity: item.agents for item in found.evidence}
+    last = next(agents for quantity, agents in named.items() if "last 3" in quantity)
+    assert last == "1 against 0 (TD3)"  # 0.6 on average, the other 0.5
+    ((_, steps, *_, episodes),) = hierarchy.costs([found])
+    assert steps.endswith("(DDPG+HER)") and episodes.endswith("(TD3)")
+    alone = hierarchy.judge(results, {})[0]
+    assert found.deciding.value == alone.deciding.value
+
+
+def test_a_flat_agent_of_shorter_training_is_rated_over_as_many_episodes(make_results):
+    results = make_results({0: like([0.0, 0.2, 0.4, 0.9, 1.0, 1.0]), 1: like([0.0, *[0.95] * 5])})
+    shorter = make_results({0: [[0.0, 0.6, 0.9]] * 8})
+    (found,) = hierarchy.judge(results, {"TD3": shorter})
+    assert set(found.rivals.values()) == {"TD3"}
+    untrained = shorter[shorter["period"] == 0]
+    (found,) = hierarchy.judge(results, {"TD3": untrained})
+    assert set(found.rivals.values()) == {"DDPG+HER"}
+
+
+def test_a_seed_without_a_pair_changes_nothing(make_results):
+    results = make_results({0: like(SLOW), 1: like(FAST)})
+    (before,) = hierarchy.judge(results, {})
+    extra = results[(results["seed"] == 0) & (results["subgoal_layers"] == 0)]
+    early = extra[extra["period"] <= 1].assign(seed=99)
+    (after,) = hierarchy.judge(pd.concat([results, early]), {})
+    assert after.evidence == before.evidence and after.sentence == before.sentence
+
+
+def test_the_end_is_compared_after_as_many_episodes(make_results):
+    curve = [0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7]
+    results = make_results({0: [curve] * 8, 1: [curve[:4]] * 8})
+    (found,) = hierarchy.judge(results, {})
+    assert found.evidence[-1].value == 0 and "last 3" in found.evidence[-1].quantity
+    longer = pd.concat([results, results[results["seed"] == 0].assign(seed=8, success_rate=1.0)])
+    assert hierarchy.judge(longer, {})[0].rising
+
+
+def test_agents_that_are_equally_good_need_no_number_of_seeds(make_results):
+    gains = [0.2, -0.2] * 5
+    assert hierarchy.seeds_needed(np.array(gains) + 2e-17, np.zeros(10)) is None
+    flat, deep = [[0, 0.5, 0.5]] * 10, [[0, 0.5 + gain, 0.5 + gain] for gain in gains]
+    (found,) = hierarchy.judge(make_results({0: flat, 1: deep}), {})
+    assert found.says == UNDECIDED and "no number of seeds would decide it" in found.sentence
 
 
 def test_what_is_undecided_says_how_many_seeds_would_tell(make_results):

@@ -5,6 +5,8 @@ import pytest
 import torch
 
 import hac_suite
+from hac_suite.algorithm.transitions import Transitions
+from hac_suite.learning.replay import RowLayout
 from hac_suite.training.population import Population
 from hac_suite.types import level_specs
 from tests.hac_suite.tiny_envs import PointEnv
@@ -12,10 +14,16 @@ from tests.hac_suite.tiny_envs import PointEnv
 HORIZONS = (4, 3)
 
 
+class OffsetEnv(PointEnv):
+    """Positions far from zero, as fitted tasks have them."""
+
+    observation_offset = np.array([2.0, -3.0, 0.0, 0.0])
+
+
 def population(**settings) -> Population:
     """Two seeds whose critics have something to say."""
     config = hac_suite.Config(hidden_sizes=(8, 8), **settings)
-    made = Population(PointEnv(2), config, HORIZONS, (5, 6))
+    made = Population(OffsetEnv(2), config, HORIZONS, (5, 6))
     for learner in made.learners:
         for seed in range(2):
             learner.critic.initialise(seed, torch.Generator().manual_seed(seed), last=0.5)
@@ -26,7 +34,7 @@ def population(**settings) -> Population:
 
 def q_values(policy: hac_suite.Policy, config: hac_suite.Config) -> list[np.ndarray]:
     rng = np.random.default_rng(0)
-    specs = level_specs(PointEnv(5), HORIZONS)
+    specs = level_specs(OffsetEnv(5), HORIZONS)
     goals = [rng.normal(size=(5, spec.goal_space.dim)) for spec in specs]
     return hac_suite.q_values(policy, specs, config, rng.normal(size=(5, 4)), goals)
 
@@ -34,14 +42,16 @@ def q_values(policy: hac_suite.Policy, config: hac_suite.Config) -> list[np.ndar
 def by_the_learner(trained: Population, seed: int) -> list[np.ndarray]:
     """The same by the learner itself, from rows of its replay's layout."""
     rng = np.random.default_rng(0)
-    specs = level_specs(PointEnv(5), HORIZONS)
+    specs = level_specs(OffsetEnv(5), HORIZONS)
     goals = [rng.normal(size=(5, spec.goal_space.dim)) for spec in specs]
     observation = rng.normal(size=(5, 4))
     found = []
     for learner, spec, goal in zip(trained.learners, specs, goals, strict=True):
-        inputs = [observation / spec.observation_scale, spec.goal_space.normalise(goal)]
-        rows = np.concatenate([np.zeros((5, spec.action_dim)), *inputs, np.ones((5, 1))], axis=1)
-        block = torch.from_numpy(rows.astype(np.float32).T).expand(2, -1, -1).contiguous()
+        zeros, action = np.zeros(5), np.zeros((5, spec.action_dim))
+        stored = Transitions(zeros, zeros, observation, action, zeros, observation, goal, zeros)
+        layout = RowLayout.of(spec)
+        rows = torch.from_numpy(layout.pack(stored, spec)[:, : layout.block].T.copy())
+        block = rows.expand(2, -1, -1).contiguous()
         learner._act(learner.tested_actor, block)
         found.append(learner._value(learner.critic, block)[seed].numpy().copy())
     return found

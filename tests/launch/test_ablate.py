@@ -89,3 +89,11 @@ def test_help_names_the_variants_and_each_flag_of_training_once(capsys):
 def test_no_variants_are_answered(capsys):
     assert ablate.main(["launch/ablate.py", "--variants="]) == 2
     assert "--variants=: give one or more of paper, " in capsys.readouterr().err
+
+
+def test_choices_of_a_release_are_the_same_from_whichever_preset(runs):
+    words = ["", "--variants=release_2018,release_2020", "--config=launch/configs/suite.py"]
+    assert ablate.main(words, run=runs) == 1
+    for request, year in zip(runs.requests, ("release_2018", "release_2020"), strict=True):
+        same_work = {"batch_size": 256, "updates_per_episode": 20}
+        assert request.config == dataclasses.replace(hac_suite.PRESETS[year], **same_work)

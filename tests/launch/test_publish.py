@@ -96,6 +96,15 @@ def test_an_experiment_trained_in_pieces_is_published_as_if_in_one(tmp_path, tin
     found = manifest.read(joined / "manifest.json")
     assert len(found["jobs"]) == 4 and len(found["earlier_launches"]) == 1
     assert found["asked"]["seeds"] == [1, 2]
+    # A piece trained again: worse, and what it was before is gone.
+    (again,) = (tmp_path / "second" / TASK / "policies").glob("*_1layers_seed1.json")
+    described = json.loads(again.read_text())
+    again.write_text(json.dumps({**described, "success_rate": -0.1}))
+    assert published("second", "--add") == 0
+    (best,) = [own for own in policies.find(tmp_path / "joined" / "chosen") if own.subgoal_layers]
+    assert best.seed != 1
+    again.write_text(json.dumps(described))
+    assert published("second", "--add") == 0
     # And once more, which changes nothing but for the manifest.
     before = contents(joined)
     assert published("second", "--add") == 0

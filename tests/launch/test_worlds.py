@@ -193,6 +193,15 @@ def test_fit_writes_a_file_that_run_trains_with(tmp_path):
     assert edited.returncode == 2 and "max_steps is 30 there and 29 here" in edited.stderr
 
 
+def test_fit_trains_where_the_environment_cuts_episodes_shorter_than_it_says(tmp_path, capsys):
+    output = tmp_path / "cut.toml"
+    cut = '--task_args={"truncates_at": 20}'
+    words = (f"--task={POINT}", cut, "--train_episodes=4", f"--output={output}")
+    assert fit.main(["fit", *words]) == 0
+    assert "cut short by the environment" not in capsys.readouterr().out
+    assert settings_lib.from_toml(output.read_text(), "a")[1].max_steps == 20
+
+
 def test_fit_holds_its_estimates_against_those_made_by_hand(tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("COLUMNS", "140")

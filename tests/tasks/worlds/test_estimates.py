@@ -189,8 +189,8 @@ def test_nothing_is_said_of_a_task_that_can_be_learnt():
         (walk(np.stack([RAMP] * 2, axis=1), failed=True), "end in failure, after 100 steps"),
         (walk(np.stack([RAMP] * 2, axis=1))._replace(held=np.array([True, False])),
          "50% of episodes begin at their goal"),
-        (walk(np.stack([RAMP] * 2, axis=1))._replace(cut=np.array([True, False])),
-         "50% of episodes diverge"),
+        (walk(np.stack([RAMP] * 2, axis=1))._replace(
+            cut=np.array([True, False]), steps=np.array([40, 100])), "50% of episodes diverge"),
         (walk(np.stack([np.full(101, 5.0)] * 2 + [RAMP], axis=1)), "did not change in 67%"),
     ],
 )  # fmt: skip
@@ -226,3 +226,22 @@ def test_a_toy_that_is_easy_and_one_that_fails():
 
     assert "end in failure" in lines(fails_above=0.5)
     assert "end in failure" not in lines()
+
+
+def test_episodes_of_different_lengths_are_joined():
+    world = World("toy", lambda: toys.Point(truncates_at=11), Options(), max_steps=40)
+    adapter = world.adapter(2)
+    about = world.about()._replace(max_steps=40)
+    act = estimates.random_actions(about, 2, 0)
+    adapter.max_steps = 20
+    long = estimates.play(adapter, about.judge, act, np.arange(2), test=False)
+    adapter.max_steps = 12
+    short = estimates.play(adapter, about.judge, act, np.arange(2), test=True)
+    both = estimates.joined([long, short])
+    assert both.observation.shape[:2] == (21, 4) and both.test.tolist() == [False] * 2 + [True] * 2
+    np.testing.assert_array_equal(both.alive()[:13, 2:], short.alive())
+    assert not both.alive()[13:, 2:].any()
+    for field in ("observation", "achieved_goal", "achieved_subgoal"):
+        own = getattr(both, field)
+        np.testing.assert_array_equal(own[:13, 2:], getattr(short, field))
+        np.testing.assert_array_equal(own[:, :2], getattr(long, field))

@@ -106,6 +106,7 @@ def test_a_task_of_the_suite_with_other_spaces_is_judged_as_before(tmp_path):
     ("old", "new", "problem"),
     [
         ("max_steps = 40", "max_steps = 0", "max_steps takes a count, not 0"),
+        ("max_steps = 40", "max_steps = true", "max_steps takes a count, not True"),
         ("task = ", "tsak = ", "task is missing"),
         ("[goal]", "[gaol]", "no setting 'gaol'"),
         ("low = [-1.0, -1.0]", "", "goal.low is missing"),
@@ -126,6 +127,13 @@ def test_a_wrong_file_is_answered_by_name(file, old, new, problem):
     assert old in text
     file.write_text(text.replace(old, new, 1))
     with pytest.raises(ValueError, match=f"^{re.escape(str(file))}.*({problem})"):
+        tasks.find(str(file))
+
+
+def test_horizons_that_are_no_table_are_answered_by_name(file):
+    text, _ = file.read_text().split("[horizons]")
+    file.write_text(f"horizons = [17, 18]\n{text}")
+    with pytest.raises(ValueError, match=r"horizons is a table.*not \[17, 18\]"):
         tasks.find(str(file))
 
 

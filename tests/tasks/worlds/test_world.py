@@ -248,6 +248,32 @@ def test_only_masked_environments_are_reset_and_stepped():
     assert (again.achieved_goal[mask] != stepped.achieved_goal[mask]).any()
 
 
+def test_closing_one_leaves_another_that_shares_its_copies_in_play():
+    class Closes(toys.Point):
+        """Like MuJoCo's environments, it does not work once it is closed."""
+
+        closed = False
+
+        def close(self):
+            self.closed = True
+
+        def step(self, action):
+            assert not self.closed
+            return super().step(action)
+
+    env = tasks.from_gymnasium(Closes, 4, max_steps=30)
+    test, more = env.copies(4), env.copies(6)
+    started = env.reset(np.arange(4))
+    test.close()
+    more.close()
+    stepped = env.step(np.ones((4, 2)))
+    assert (stepped.achieved_goal != started.achieved_goal).all()
+    env.close()
+    again = env.reset(np.arange(4))  # in copies made anew
+    np.testing.assert_array_equal(again.observation, started.observation)
+    np.testing.assert_array_equal(env.step(np.ones((4, 2))).observation, stepped.observation)
+
+
 def test_a_bad_action_and_an_error_in_the_environment_are_named():
     env = world()
     env.reset(SEEDS)
