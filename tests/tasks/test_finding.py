@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 import tasks
+from hac_suite.types import level_specs
 from tasks import registry
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -234,3 +235,15 @@ def test_a_spec_that_the_model_belies_is_refused(own, change, problem):
 def test_a_spec_that_cannot_be_is_refused(own, change, problem):
     with pytest.raises(ValueError, match=f"line .: ValueError: .*{problem}"):
         tasks.find(f"{own(OWN.replace('max_steps=7', change))}:pick_place")
+
+
+def test_an_offset_counts_in_training_as_it_does_in_acting(own):
+    old = "max_steps=7"
+    path = own(OWN.replace(old, f"{old}, offset=[0.5] * pendulum._CLIMB.observation_dim"))
+    entry = tasks.find(f"{path}:pick_place")
+    (trained,), (acting,) = (
+        level_specs(spaces, (7,)) for spaces in (entry.load_vector(1), entry.spec)
+    )
+    state = entry.load_vector(1).reset(np.array([3])).observation
+    np.testing.assert_array_equal(trained.scaled(state), acting.scaled(state))
+    assert (trained.scaled(state) != state / trained.observation_scale).all()
