@@ -2,7 +2,7 @@
 
 import functools
 import sys
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +14,7 @@ from matplotlib.patches import Patch
 from analysis import program
 from analysis.figures.costs import COST_LABELS
 from analysis.figures.success import (
+    DEEPER_LOOKS,
     FLAT_LOOKS,
     label_periods,
     look,
@@ -33,7 +34,8 @@ _HELP = """Draws the paper's Figure 5 from the published results.
 writes figure5.png and figure5.pdf, success against test periods as in the paper; figure5_steps.png
 and figure5_minutes.png, against environment steps and core-minutes per seed; and figure5.csv, the
 numbers in the figures. The folders grid_td3, grid_half_rate and grid_goals_per_segment beside
---data, if they exist, hold flat agents with other settings, which are drawn too.
+--data, if they exist, hold flat agents with other settings, and grid_fewer_updates agents with two
+subgoal layers; they are drawn too.
 
 Flags:
 {flags}
@@ -43,12 +45,17 @@ Exit status: 0; 2 a file to read is missing or damaged, or the command was wrong
 NAME = "figure5"
 AGENTS = (0, 1, 2)  # subgoal layers of the paper's agents
 NOTHING_YET = "no runs yet"
-COLUMNS = (*schema.FIGURE_COLUMNS, "train_steps", "core_minutes", "flat")
-"""figure5.csv: as figure.csv, the cost of one seed, and the name of an agent of `grid.FLATS`."""
+COLUMNS = (*schema.FIGURE_COLUMNS, "train_steps", "core_minutes", "other")
+"""figure5.csv: as figure.csv, the cost of one seed, and the name of an agent of `_OTHERS`."""
 
 _AXES = {"period": "test period (training episodes below)", **COST_LABELS}
 _SUFFIXES = {"period": "", "train_steps": "_steps", "core_minutes": "_minutes"}
 _ROWS, _COLUMNS = 2, 3
+# Agents beside the grid's: their subgoal layers, and how they are drawn.
+_OTHERS = {
+    **{name: (0, style) for name, style in zip(grid.FLATS, FLAT_LOOKS, strict=True)},
+    **{name: (2, style) for name, style in zip(grid.DEEPER, DEEPER_LOOKS, strict=True)},
+}
 _NOTE = (
     "Lines: mean over seeds of the share of\n"
     "end goals achieved in noise-free tests.\n"
@@ -59,11 +66,11 @@ _NOTE = (
 _UNTRAINED = "Untrained at test period 0."
 
 
-def summarise(results: Grid, flats: Flats) -> pd.DataFrame:
+def summarise(results: Grid, others: Flats) -> pd.DataFrame:
     """What the figure shows of each task's results, and of the other agents: `COLUMNS`."""
-    named = {"": results, **flats}
+    named = {"": results, **others}
     summaries = [
-        with_cost(success_per_period(rows), rows).assign(flat=name)
+        with_cost(success_per_period(rows), rows).assign(other=name)
         for name, own in named.items()
         for rows in own.values()
     ]
@@ -89,16 +96,16 @@ def draw_figure5(summary: pd.DataFrame, against: str = "period") -> Figure:
         ax.set_xlabel(_AXES[against])
         if ax.get_subplotspec().is_first_col():
             ax.set_ylabel("end goals achieved in tests")
-    _explain(legend, [name for name in grid.FLATS if name in set(summary["flat"])], against)
+    _explain(legend, set(summary["other"]), against)
     return figure
 
 
 def _plot_panel(ax: Axes, task: str, own: pd.DataFrame, against: str) -> None:
-    shown = own[own["flat"] == ""]
+    shown = own[own["other"] == ""]
     if len(shown):
         plot_success(ax, shown, legend=False, against=against)
-        for name, style in zip(grid.FLATS, FLAT_LOOKS, strict=True):
-            if len(curve := own[own["flat"] == name]):
+        for name, (_, style) in _OTHERS.items():
+            if len(curve := own[own["other"] == name]):
                 plot_curve(ax, curve, style, name, against=against)
     else:
         ax.text(0.5, 0.5, NOTHING_YET, transform=ax.transAxes, ha="center", color="#777777")
@@ -124,7 +131,7 @@ def _seeds(own: pd.DataFrame) -> str:
     return f"n = {' / '.join(labels)}" if len(own) else ""
 
 
-def _explain(ax: Axes, flats: Sequence[str], against: str) -> None:
+def _explain(ax: Axes, others: Collection[str], against: str) -> None:
     ax.axis("off")
     handles: list[Any] = []
     for layers in AGENTS:
@@ -133,17 +140,17 @@ def _explain(ax: Axes, flats: Sequence[str], against: str) -> None:
         handles.append((line, Patch(facecolor=style.colour, alpha=0.18, linewidth=0)))
     names = [paper.agent_name(layers) for layers in AGENTS]
     names[0] += f" ({OWN})"
-    for name, style in zip(grid.FLATS, FLAT_LOOKS, strict=True):
-        if name in flats:
+    for name, (layers, style) in _OTHERS.items():
+        if name in others:
             (line,) = ax.plot(
                 [], [], color=style.colour, marker=style.marker, linestyle=style.line,
                 linewidth=1.8 * style.width,
             )  # fmt: skip
             handles.append(line)
-            names.append(f"0, {name}")
-    ax.legend(handles, names, loc="upper left", frameon=False, handlelength=4)
+            names.append(f"{layers}, {name}")
+    ax.legend(handles, names, loc="upper left", frameon=False, handlelength=4, fontsize="small")
     note = _NOTE.format(axis=_UNTRAINED if against == "period" else "Dots: test periods.")
-    ax.text(0.05, 0.0, note, transform=ax.transAxes, va="bottom", color="#555555")
+    ax.text(0.05, 0.0, note, transform=ax.transAxes, va="bottom", color="#555555", size="small")
 
 
 def write_figure5(folder: Path, output: Path) -> list[Path]:
@@ -154,7 +161,8 @@ def write_figure5(folder: Path, output: Path) -> list[Path]:
     Raises:
       ValueError: as `grid.load_grid`.
     """
-    summary = summarise(grid.load_grid(folder), grid.load_flats(folder))
+    others = {**grid.load_flats(folder), **grid.load_deeper(folder)}
+    summary = summarise(grid.load_grid(folder), others)
     output.mkdir(parents=True, exist_ok=True)
     pdf, csv = (output / f"{NAME}{suffix}" for suffix in (".pdf", ".csv"))
     figures = {

@@ -41,6 +41,8 @@ FLAT_LOOKS = (
     Look("#7fa8dd", "", "-", width=0.6, band=False),
 )
 """Other agents without subgoal layers, beside those: thin, and without a band."""
+DEEPER_LOOKS = (Look("#8a6d00", "", (0, (1, 1)), width=0.8, band=False),)
+"""Other agents with two subgoal layers."""
 
 
 def look(subgoal_layers: int) -> Look:

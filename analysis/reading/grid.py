@@ -1,5 +1,6 @@
 """The published grid of the paper's tasks: a run folder per task; some may be missing."""
 
+from collections.abc import Mapping
 from pathlib import Path
 
 import pandas as pd
@@ -16,6 +17,8 @@ FLATS = {
 }
 """Agents without subgoal layers that were trained otherwise than the grid's, and their folders
 beside it."""
+DEEPER = {"half the rate, fewer updates": "grid_fewer_updates"}
+"""The same of agents with two subgoal layers."""
 
 _NOTHING = "{folder}: holds results of none of the paper's tasks ({tasks})"
 _WRONG_TASK = "{folder}: holds results of {found}; a folder is named after its task"
@@ -55,11 +58,20 @@ def load_flats(folder: Path) -> dict[str, dict[str, pd.DataFrame]]:
     Raises:
       ValueError: as `load_grid`.
     """
+    return _beside(folder, FLATS, 0)
+
+
+def load_deeper(folder: Path) -> dict[str, dict[str, pd.DataFrame]]:
+    """The same of the agents of `DEEPER`."""
+    return _beside(folder, DEEPER, 2)
+
+
+def _beside(folder: Path, folders: Mapping[str, str], layers: int) -> dict:
     beside = Path(folder).resolve().parent
-    flats = {
-        name: load_grid(beside / own) for name, own in FLATS.items() if (beside / own).is_dir()
+    found = {
+        name: load_grid(beside / own) for name, own in folders.items() if (beside / own).is_dir()
     }
     return {
-        name: {task: rows[rows["subgoal_layers"] == 0] for task, rows in own.items()}
-        for name, own in flats.items()
+        name: {task: rows[rows["subgoal_layers"] == layers] for task, rows in own.items()}
+        for name, own in found.items()
     }

@@ -69,7 +69,7 @@ def test_files_hold_what_was_plotted_and_repeat_byte_for_byte(make_run, tmp_path
     assert first["figure5.pdf"].startswith(b"%PDF")
     assert matplotlib.image.imread(outputs[0] / "figure5.png").shape[1] > 1500
     written = pd.read_csv(outputs[0] / "figure5.csv", float_precision="round_trip")
-    assert list(written.columns) == list(COLUMNS) and written["flat"].isna().all()
+    assert list(written.columns) == list(COLUMNS) and written["other"].isna().all()
     pd.testing.assert_frame_equal(
         written[list(schema.FIGURE_COLUMNS)],
         success_per_period(load(folder / "pick_place")),
@@ -93,13 +93,26 @@ def test_other_flat_agents_are_drawn_beside_the_grids(make_run, tmp_path):
         tmp_path / "grid_td3"
     )
     summary = summarise(grid.load_grid(tmp_path / "grid"), grid.load_flats(tmp_path / "grid"))
-    td3 = summary[summary["flat"] == "TD3+HER"]
+    td3 = summary[summary["other"] == "TD3+HER"]
     assert td3["mean"].tolist() == [0.0, 0.6, 0.7] and set(td3["subgoal_layers"]) == {0}
     reacher, legend = (draw_figure5(summary).axes[index] for index in (2, 5))
     assert [line.get_ydata()[-1] for line in reacher.lines[:4]] == [0.25, 29 / 30, 1.0, 0.7]
     assert reacher.texts[0].get_text() == "n = 2 / 3 / 1-2"
     named = [text.get_text() for text in legend.get_legend().get_texts()]
     assert named[3:] == ["0, TD3+HER"]
+
+
+def test_other_agents_with_two_layers_are_drawn_beside_the_grids(make_run, tmp_path):
+    make_run(CURVES, task="ur5_reacher").parent.rename(tmp_path / "grid")
+    make_run({2: [[0.0, 0.3, 0.4]]}, task="ur5_reacher").parent.rename(
+        tmp_path / "grid_fewer_updates"
+    )
+    (name,) = grid.DEEPER
+    summary = summarise(grid.load_grid(tmp_path / "grid"), grid.load_deeper(tmp_path / "grid"))
+    reacher, legend = (draw_figure5(summary).axes[index] for index in (2, 5))
+    assert 0.4 in [line.get_ydata()[-1] for line in reacher.lines]
+    named = [text.get_text() for text in legend.get_legend().get_texts()]
+    assert named[3:] == [f"2, {name}"]
 
 
 def test_x_can_be_what_was_spent(make_run):
