@@ -19,6 +19,7 @@ from launch.pictures.outcomes import COLOURS, SIGNS
 from launch.pictures.stage import Poses, Stage
 from launch.pictures.subgoal_log import WORDS
 from launch.pictures.video import RenderingError
+from tasks.worlds.world import NoFrames
 
 _LEAST_SECONDS = 5.0  # that an episode plays for at first, slowed down for it
 _SPEEDS = (0.1, 0.25, 0.5, 1.0, 2.0)  # times real time
@@ -147,9 +148,7 @@ def render(policies: Sequence[Path], output: Path) -> None:
             )
         output.parent.mkdir(parents=True, exist_ok=True)
         write(course, output)
-    except scene.ViewerMissing as error:
-        raise RenderingError(str(error)) from error
-    except OSError as error:
+    except (scene.ViewerMissing, NoFrames, OSError) as error:
         raise RenderingError(str(error)) from error
     except (CommandError, KeyError, TypeError, ValueError) as error:
         what = f"lacks the entry {error}" if isinstance(error, KeyError) else str(error)

@@ -71,7 +71,7 @@ def _check_address(address: Address) -> None:
         family, *_, where = socket.getaddrinfo(address.host, 0, type=socket.SOCK_STREAM)[0]
         with socket.socket(family) as probe:
             probe.bind(where)
-    except OSError as error:
+    except (OSError, ValueError) as error:  # no address; no name that could be one
         raise CommandError(f"flag --host={address.host}: cannot listen there: {error}") from error
 
 

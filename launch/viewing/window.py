@@ -2,6 +2,7 @@
 
 import threading
 import time
+from typing import Any
 
 import mujoco.viewer
 import numpy as np
@@ -30,6 +31,13 @@ def play(found: policies.Found, word: str, stop: StopSignal) -> None:
     """
     env = tasks.load_vector(word, 1)
     try:
+        _play(env, found, stop)
+    finally:
+        env.close()
+
+
+def _play(env: Any, found: policies.Found, stop: StopSignal) -> None:
+    try:
         policy = hac_suite.Policy.load(found.path)
         player = Player(Episode(env, policy, 0), env.control_timestep, speed=_SPEED)
     except (KeyError, TypeError, ValueError) as error:
@@ -56,11 +64,20 @@ def play(found: policies.Found, word: str, stop: StopSignal) -> None:
                 seed += 1
                 player.begin(Episode(env, policy, seed))
             if player.tick(time.monotonic()):
+                with window.lock():
+                    _bring_up_to_date(env, *simulation)
                 window.sync()
             time.sleep(player.seconds_to_wait(time.monotonic(), _POLL_SECONDS))
     for thread in threads:  # one that still draws while Python ends would crash it
         thread.join(_CLOSING_SECONDS)
-    env.close()
+
+
+def _bring_up_to_date(env: Any, model: mujoco.MjModel, data: mujoco.MjData) -> None:
+    """Writes the state of the environment into the data that the window shows."""
+    simulation = simulation_of(env)
+    assert simulation is not None, "it had one when the window opened"
+    if simulation[1] is not data:  # an environment of our own gives a copy each time
+        mujoco.mj_copyData(data, model, simulation[1])
 
 
 def _look_from(view: mujoco.MjvCamera, camera: Camera) -> None:

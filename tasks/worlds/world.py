@@ -166,6 +166,7 @@ class Adapter:
         self._seeds = np.random.RandomState(seed)
         self._steps = np.zeros(num_envs, np.int64)
         self._over = np.zeros(num_envs, bool)  # the environment ended the episode
+        self._goes_on = np.zeros(num_envs, bool)  # past its limit, to a goal that was moved
         self._shown: Step | None = None
 
     def reset(
@@ -188,7 +189,7 @@ class Adapter:
             copy, seed = self._copies[i], int(seeds[i])
             copy.owner = self
             view = copy.reset(seed, options, self._draw_goal(seed))
-            self._steps[i], self._over[i] = 0, False
+            self._steps[i], self._over[i], self._goes_on[i] = 0, False, False
             broken = not finite(view)
             self._show(i, _finite_part(view) if broken else view, diverged=broken, failed=False)
         return self._fresh()
@@ -234,7 +235,7 @@ class Adapter:
             raise RuntimeError(_TAKEN.format(word=self._world.word))
         view, terminated, truncated, _ = copy.step(action)
         self._steps[i] += 1
-        self._over[i] = terminated or truncated
+        self._over[i] = terminated or (truncated and not self._goes_on[i])
         ended = self._over[i] and self._steps[i] < self.max_steps
         if not finite(view) or copy.broke_down():
             self._show(i, None, diverged=True, failed=False)
@@ -277,12 +278,13 @@ class Adapter:
         return self._copies[i].simulation
 
     def move_goal(self, i: int, goal: np.ndarray) -> Step:
-        """Gives environment i's episode another end goal [G].
+        """Gives environment i's episode another end goal [G], to which it goes on.
 
         Raises:
           ValueError: its goal cannot be moved.
         """
         view = self._copies[i].move_goal(np.asarray(goal, np.float64))
+        self._over[i], self._goes_on[i] = False, True
         self._show(i, _finite_part(view), diverged=False, failed=False)
         return self._fresh()
 
@@ -299,6 +301,9 @@ class Adapter:
             picture: Any = self._copies[i].env.render()
         except NotImplementedError:
             picture = None
+        except Exception as error:  # another's code can raise anything
+            reason = " ".join(f"{type(error).__name__}: {error}".split())
+            raise NoFrames(f"{self._world.word}: its render() failed: {reason}") from error
         if not isinstance(picture, np.ndarray) or picture.ndim != 3:
             raise NoFrames(f"{self._world.word}: it renders no frames ('rgb_array')")
         return _fitted_into(picture[..., :3].astype(np.uint8), height, width)

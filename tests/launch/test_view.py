@@ -33,6 +33,7 @@ def test_without_the_extra_one_line_says_how_to_install_it(monkeypatch, capsys):
         (["--run=nowhere"], "nowhere does not exist"),
         (["--port=80"], "--port=80"),
         (["--host=no.such.host.invalid"], "--host=no.such.host.invalid: cannot listen there"),
+        (["--host=.."], "--host=..: cannot listen there"),
     ],
 )
 def test_a_wrong_command_is_answered_in_one_line(words, answer, capsys, monkeypatch, tmp_path):

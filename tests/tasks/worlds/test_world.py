@@ -73,6 +73,23 @@ def test_an_end_goal_can_be_moved_where_the_environment_keeps_it_in_goal(monkeyp
         env.move_goal(0, wanted)
 
 
+def test_an_episode_that_has_ended_goes_on_to_a_goal_that_is_moved():
+    env = world(1, terminates=True, truncates_at=20)
+    (act,) = towards_goal(env)
+    state = env.reset(SEEDS[:1])
+    while not env.goal_space.achieved(state.achieved_goal, state.desired_goal)[0]:
+        state = env.step(act(state.observation, state.desired_goal))
+    for _ in range(25):  # the environment's own limit is passed as well
+        state = env.step(act(state.observation, state.desired_goal))
+    there = state.achieved_goal[0]
+    wanted = np.where(there > 0, there - 0.5, there + 0.5)
+    state = env.move_goal(0, wanted)
+    for _ in range(15):
+        state = env.step(act(state.observation, state.desired_goal))
+    assert env.goal_space.achieved(state.achieved_goal, wanted[None]).all()
+    assert not state.diverged[0] and not state.failed[0]
+
+
 @pytest.mark.parametrize(
     ("reward", "problem"),
     [

@@ -158,6 +158,15 @@ def test_pictures_are_the_environments_own_framed():
         plain.reset(SEEDS[:1])
         plain.render(0)
 
+    class NeedsMore(toys.Plain):
+        def render(self):
+            raise ImportError("no module named pygame")
+
+    needs = tasks.from_gymnasium(NeedsMore, 1, max_steps=5, goal="obs[0]", goal_threshold=1)
+    needs.reset(SEEDS[:1])
+    with pytest.raises(NoFrames, match=r"its render\(\) failed: ImportError: no module"):
+        needs.render(0)
+
 
 def test_observations_far_from_zero_are_centred():
     env = tasks.from_gymnasium(toys.Plain, 2, max_steps=30, goal="obs[0]", goal_threshold=0.1)
