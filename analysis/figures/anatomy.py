@@ -4,13 +4,13 @@ from collections.abc import Iterator
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
+from matplotlib.figure import Figure, FigureBase
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, Rectangle
 
 from analysis.figures.diagnostics import LOOKS
 from analysis.reading import paper
-from analysis.reading.episodes import Episode, GoalDimension, Subgoal, labelled, planes
+from analysis.reading.episodes import Episode, GoalDimension, Subgoal, labelled, some_planes
 
 _GOAL_COLOUR = "#f0c000"
 _PATH_COLOUR = "#333333"
@@ -24,19 +24,22 @@ _HATCH = "////"
 def draw_anatomy(episode: Episode) -> Figure:
     """Left: the planes in which the agent moves. Right: every dimension over time, and outcomes.
 
-    Dimensions that only the end goal has follow those of subgoals.
+    A subgoal space of one dimension has no plane, and nothing on the left. Dimensions that only the
+    end goal has follow those of subgoals.
 
     Subgoals have the colour of their markers in videos: purple for level 1's, green for level 2's.
     Filled ones were achieved, hatched or crossed ones missed, hollow ones cut short.
     """
-    shown = list(planes(episode.subgoal_space.names))
+    shown = some_planes(episode.subgoal_space.names)
     dimensions = len(episode.subgoal_space.names)
     rows = dimensions + len(episode.goal_only) + 1
     figure = Figure(figsize=(13, max(5.2, 1.5 * rows + 1.2)))
     figure.set_layout_engine("constrained", w_pad=0.08, h_pad=0.05)
-    left, right = figure.subfigures(1, 2, width_ratios=(1, 1.25), squeeze=False)[0]
-    for ax, plane in zip(np.ravel(left.subplots(len(shown), 1)), shown, strict=True):
-        draw_plane(ax, episode, *plane)
+    right: FigureBase = figure
+    if shown:
+        left, right = figure.subfigures(1, 2, width_ratios=(1, 1.25), squeeze=False)[0]
+        for ax, plane in zip(np.ravel(left.subplots(len(shown), 1)), shown, strict=True):
+            draw_plane(ax, episode, *plane)
     heights = [1.0] * (rows - 1) + [0.3 + 0.35 * max(episode.subgoal_layers, 1)]
     *over_time, outcomes = right.subplots(rows, 1, sharex=True, height_ratios=heights)
     for dimension, ax in enumerate(over_time[:dimensions]):
@@ -160,7 +163,8 @@ def _draw_goal_only(ax: Axes, dimension: GoalDimension) -> None:
 
 
 def _label(ax: Axes, name: str, unit: str) -> None:
-    ax.set_ylabel(f"{name.replace('_', ' ')}\n({unit})", fontsize="small")
+    plain = name.replace("_", " ")
+    ax.set_ylabel(f"{plain}\n({unit})" if unit else plain, fontsize="small")
 
 
 def _draw_band(ax: Axes, goal: tuple[float, float]) -> None:
@@ -220,8 +224,9 @@ def _legend(episode: Episode) -> Iterator[Line2D | Patch]:
             facecolor="white", edgecolor=_GREY, hatch=_HATCH, label="hatched or crossed: missed"
         )
         yield Patch(
-            facecolor="white", edgecolor=_GREY, label="hollow: cut short, as a level above was done"
-        )
+            facecolor="white", edgecolor=_GREY,
+            label="hollow: cut short, by a level above or the end",
+        )  # fmt: skip
 
 
 def _counts(episode: Episode, level: int) -> str:

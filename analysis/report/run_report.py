@@ -17,7 +17,7 @@ from analysis.figures.costs import draw_costs
 from analysis.figures.diagnostics import draw_diagnostics
 from analysis.figures.success import DOTS_PER_INCH, draw_seeds, draw_success
 from analysis.reading import names, paper
-from analysis.reading.episodes import load_episodes
+from analysis.reading.episodes import Episode, load_episodes
 from analysis.reading.files import write_text
 from analysis.reading.results import load, read_manifest, with_updates
 from analysis.report.explanations import explanations, recording_command
@@ -218,18 +218,23 @@ def _anatomies(run_dir: Path, task: str) -> list[Picture]:
     """Recorded episodes drawn; none where none are recorded, or the recording is damaged."""
     try:
         episodes = load_episodes(run_dir, task)
-    except (OSError, ValueError):
-        return []
-    return [
-        Picture.of(
-            draw_anatomy(episode),
-            f"one test episode of the agent with {paper.agent_name(episode.subgoal_layers)}",
-            f"One test episode of the agent with {paper.agent_name(episode.subgoal_layers)}: its "
-            "path, the subgoals of its levels over time, and their outcomes.",
-            _MANY_PANELS,
-        )
-        for episode in sorted(episodes, key=lambda episode: episode.subgoal_layers)
-    ]
+        return [
+            _anatomy(episode)
+            for episode in sorted(episodes, key=lambda episode: episode.subgoal_layers)
+        ]
+    except (OSError, LookupError, TypeError, ValueError):
+        return []  # the results can still be seen
+
+
+def _anatomy(episode: Episode) -> Picture:
+    agent = paper.agent_name(episode.subgoal_layers)
+    return Picture.of(
+        draw_anatomy(episode),
+        f"one test episode of the agent with {agent}",
+        f"One test episode of the agent with {agent}: its path, the subgoals of its levels over "
+        "time, and their outcomes.",
+        _MANY_PANELS,
+    )
 
 
 def _recorded_commands(manifest: Mapping[str, Any]) -> list[str]:

@@ -138,6 +138,7 @@ def test_the_legend_lies_outside_the_data_and_counts(folder):
     texts = [text.get_text() for text in deep.legends[0].get_texts()]
     assert "level 1's subgoals: 1 of 3 achieved" in texts
     assert "level 2's subgoals: 1 of 2 achieved" in texts
+    assert "hollow: cut short, by a level above or the end" in texts
     assert deep.get_suptitle() == (
         "1-Object Pick-and-Place, 2 subgoal layers, seed 7: goal achieved in 40 steps"
     )
@@ -155,6 +156,36 @@ def test_a_point_in_space_is_seen_from_two_sides(folder):
         "effector, from the side",
     )
     assert side.get_ylabel() == "effector z (m)"
+
+
+def test_dimensions_that_are_no_places_are_drawn_as_well(folder):
+    """Those of Gymnasium environments have numbers for names, and no units."""
+    record = _record()
+    record["goal_space"] = record["subgoal_space"] = {
+        "names": [f"goal[{i}]" for i in range(4)], "units": [""] * 4, "threshold": [0.1] * 4
+    }  # fmt: skip
+    for episode in record["episodes"]:
+        episode["goal"] = [0.4, 0.5, 0.8, 0.2]
+    (folder / "pick_place" / "anatomy.json").write_text(json.dumps(record))
+    _, deep = load_episodes(folder / "pick_place", "pick_place")
+    plane, first, *_ = draw_anatomy(deep).axes
+    assert plane.get_title() == "goal[0] and goal[1]" and len(plane.patches) == 1
+    assert first.get_ylabel() == "goal[0]"
+
+
+def test_a_space_of_one_dimension_has_no_plane(folder):
+    record = _record()
+    record["goal_space"] = record["subgoal_space"] = {
+        "names": ["goal[0]"], "units": [""], "threshold": [0.1]
+    }  # fmt: skip
+    for episode in record["episodes"]:
+        episode["goal"], episode["path"] = [0.4], [point[:1] for point in episode["path"]]
+        for subgoal in episode["subgoals"]:
+            subgoal["subgoal"] = subgoal["subgoal"][:1]
+    (folder / "pick_place" / "anatomy.json").write_text(json.dumps(record))
+    flat, deep = map(draw_anatomy, load_episodes(folder / "pick_place", "pick_place"))
+    assert [ax.get_xlabel() for ax in flat.axes] == ["", "step"]
+    assert len(_boxes(deep.axes[0], LEVEL_1)) == 3
 
 
 @pytest.mark.parametrize("recorded", [True, False])

@@ -272,3 +272,8 @@ def test_recorded_episodes_are_drawn(make_run):
                             for k, s in ((0, "s"), (1, ""), (2, "s"))]  # fmt: skip
     (folder / "anatomy.json").write_text("{")
     assert len(Page(write_report(folder)).values("img", "alt")) == 4
+    record = json.loads((published / "anatomy.json").read_text())
+    deep = max(record["episodes"], key=lambda episode: episode["subgoal_layers"])
+    deep["subgoals"][0]["subgoal"] = []  # it can be read, and not be drawn
+    (folder / "anatomy.json").write_text(json.dumps(record))
+    assert len(Page(write_report(folder)).values("img", "alt")) == 4
