@@ -60,6 +60,9 @@ def draw_subgoal_maps(table: pd.DataFrame, units: Mapping[str, str]) -> Figure:
 
     Args:
       units: of dimensions, by name, as far as they are known.
+
+    Raises:
+      ValueError: the subgoal space is of one dimension, and has no plane.
     """
     rows = _panels(table, points_named(table, "subgoal"))
     size = (_SIDE * len(rows[0]) + 1.9, _SIDE * len(rows) + 0.9)
@@ -83,6 +86,8 @@ def _panels(table: pd.DataFrame, names: Sequence[str]) -> list[list[_Panel]]:
     pairs = table[["subgoal_layers", "level"]].drop_duplicates().to_numpy().tolist()
     stages = [int(stage) for stage in sorted(table["train_episodes"].unique())]
     planes = [(title, (names[a], names[b])) for title, (a, b) in some_planes(names)]
+    if not planes:
+        raise ValueError("subgoals that lie in no plane")
     if len(stages) == 1:
         return [[_Panel(k, n, stages[0], *plane) for plane in planes] for k, n in sorted(pairs)]
     return [

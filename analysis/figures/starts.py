@@ -1,7 +1,7 @@
 """Which test episodes fail: their starts and goals, and a gallery of some of them."""
 
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from analysis.figures.anatomy import draw_plane
 from analysis.reading import paper
 from analysis.reading.episodes import Episode, labelled, some_planes
-from analysis.reading.subgoals import places, points_named
+from analysis.reading.subgoals import points_named
 
 _REACHED: dict[str, Any] = {
     "marker": "o",
@@ -30,31 +30,36 @@ _FAILED: dict[str, Any] = {
 _COLUMNS = 4  # failures that are shown
 
 
+class _Panel(NamedTuple):
+    """What a panel of starts and goals shows: two columns of the table, and how to call them."""
+
+    title: str
+    columns: tuple[str, str]
+    labels: tuple[str, str]
+
+
 def draw_starts(table: pd.DataFrame, units: Mapping[str, str]) -> Figure:
     """A row for each agent: where episodes began, and where their goals were, by how they ended.
 
+    Where both have one dimension and so no plane, goals are drawn over starts.
+
     Args:
       units: of dimensions, by name, as far as they are known.
+
+    Raises:
+      ValueError: there is neither a plane nor a pair of dimensions.
     """
-    panels = [
-        (kind, names, *plane)
-        for kind in ("start", "goal")
-        if (names := points_named(table, kind))
-        for plane in some_planes(names)
-    ]
+    panels = list(_panels(table, units))
+    if not panels:
+        raise ValueError("starts and goals that lie in no plane")
     agents = sorted(table["subgoal_layers"].unique())
-    columns = max(len(panels), 1)
-    size = (3.4 * columns + 0.6, 3.1 * len(agents) + 1.0)
+    size = (3.4 * len(panels) + 0.6, 3.1 * len(agents) + 1.0)
     figure = Figure(figsize=(max(size[0], 6.5), size[1]), layout="constrained")
-    grid = figure.subplots(len(agents), columns, squeeze=False)
+    grid = figure.subplots(len(agents), len(panels), squeeze=False)
     for row, layers in zip(grid, agents, strict=True):
         own = table[table["subgoal_layers"] == layers]
-        for ax, (kind, names, title, plane) in zip(row, panels, strict=False):
-            across, up = (names[d] for d in plane)
-            _draw_ends(ax, own, kind, (across, up))
-            ax.set_xlabel(labelled(across, units.get(across)), fontsize="small")
-            ax.set_ylabel(labelled(up, units.get(up)), fontsize="small")
-            ax.set_title(f"{kind}: {title}", fontsize="small")
+        for ax, panel in zip(row, panels, strict=True):
+            _draw_ends(ax, own, panel)
         row[0].set_ylabel(f"{_failures(own, layers)}\n{row[0].get_ylabel()}", fontsize="small")
     figure.suptitle(
         f"{paper.title(table['task'].iloc[0])}: starts and goals from which agents fail",
@@ -65,19 +70,37 @@ def draw_starts(table: pd.DataFrame, units: Mapping[str, str]) -> Figure:
     return figure
 
 
+def _panels(table: pd.DataFrame, units: Mapping[str, str]) -> Iterator[_Panel]:
+    named = {kind: points_named(table, kind) for kind in ("start", "goal")}
+    label = {name: labelled(name, units.get(name)) for own in named.values() for name in own}
+    planes = [(kind, *plane) for kind, own in named.items() for plane in some_planes(own)]
+    for kind, title, plane in planes:
+        across, up = (named[kind][d] for d in plane)
+        columns = f"{kind}_{across}", f"{kind}_{up}"
+        yield _Panel(f"{kind}: {title}", columns, (label[across], label[up]))
+    if not planes and all(named.values()):
+        (start,), (goal,) = named.values()
+        labels = f"start: {label[start]}", f"goal: {label[goal]}"
+        yield _Panel("start and goal", (f"start_{start}", f"goal_{goal}"), labels)
+
+
 def _failures(table: pd.DataFrame, layers: int) -> str:
     failed, seeds = int((table["success"] == 0).sum()), table["seed"].nunique()
     of = f"{seeds} seed{'' if seeds == 1 else 's'}"
     return f"{paper.agent_name(layers)}\n{failed} of {len(table)} tests of {of} fail"
 
 
-def _draw_ends(ax: Axes, table: pd.DataFrame, kind: str, names: tuple[str, ...]) -> None:
-    points, success = places(table, kind, names), table["success"].to_numpy(bool)
+def _draw_ends(ax: Axes, table: pd.DataFrame, panel: _Panel) -> None:
+    points = table[list(panel.columns)].to_numpy(float)
+    success = table["success"].to_numpy(bool)
     ax.scatter(*points[success].T, **_REACHED, label="goal reached")
     ax.scatter(*points[~success].T, **_FAILED, label="goal not reached")
     ax.set_aspect("equal", adjustable="datalim")
     ax.grid(alpha=0.25, linewidth=0.6)
     ax.tick_params(labelsize="x-small")
+    ax.set_xlabel(panel.labels[0], fontsize="small")
+    ax.set_ylabel(panel.labels[1], fontsize="small")
+    ax.set_title(panel.title, fontsize="small")
 
 
 def draw_failures(episodes: Sequence[Episode]) -> Figure:

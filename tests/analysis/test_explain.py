@@ -145,6 +145,33 @@ def test_each_test_is_a_dot_or_a_cross():
     assert np.allclose(figure.axes[0].collections[1].get_offsets()[:, 0], 0.1)
 
 
+def _on_a_line(table):
+    """Such a table of a task whose starts, goals and subgoals are places on a line."""
+    kept = [name for name in table if not name.endswith("_z")]
+    names = {"start_gripper_x": "start_x", "goal_rod_x": "goal_x", "goal_gripper_x": "goal_x",
+             "subgoal_gripper_x": "subgoal_x"}  # fmt: skip
+    return table[kept].rename(columns=names)
+
+
+def test_starts_and_goals_on_a_line_share_a_panel():
+    flat, deep = draw_starts(_on_a_line(_starts()), {"x": "m"}).axes
+    assert deep.get_xlabel() == "start: x (m)" and flat.get_ylabel().endswith("\ngoal: x (m)")
+    np.testing.assert_allclose(flat.collections[1].get_offsets(), [[0.1, 0.2]] * 2)
+    with pytest.raises(ValueError, match="no plane"):
+        draw_starts(_on_a_line(_starts()).drop(columns="goal_x"), {})
+
+
+@pytest.mark.parametrize("stages", [1, 2])
+def test_subgoals_on_a_line_have_no_map_and_hide_no_other_picture(folder, stages):
+    table = _on_a_line(_maps())
+    shown = table[table["train_episodes"].isin([0, 300][:stages])]
+    with pytest.raises(ValueError, match="no plane"):
+        draw_subgoal_maps(shown, {})
+    shown.to_csv(folder / names.MAPS, index=False)
+    found = [shown.name for shown in explanations(folder, TASK)]
+    assert found == ["starts", "failures_2layers", "values"]
+
+
 def test_maps_count_every_subgoal_once():
     *axes, _, _ = draw_subgoal_maps(_maps(), {}).axes
     titles = [ax.get_title() for ax in axes]
