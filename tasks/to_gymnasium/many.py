@@ -120,8 +120,9 @@ class GoalVectorEnv(shared.Face, gymnasium.vector.VectorEnv):
         infos = self._infos(step)
         reached = self.goal_space.achieved(step.achieved_goal, step.desired_goal)
         rewards = np.where(fresh, 0.0, reached - 1.0)
-        terminated = infos["is_success"] & playing
-        truncated = playing & (step.diverged | (self._steps >= self._limit))
+        failed, over = self._world_ended(step, self._steps)
+        terminated = playing & (infos["is_success"] | failed)
+        truncated = playing & (step.diverged | over | (self._steps >= self._limit))
         self._ended = terminated | truncated
         return self._observations(step), rewards, terminated, truncated, infos
 

@@ -23,6 +23,9 @@ class GoalEnv(shared.Face, gymnasium.Env):
     `gymnasium.make` also truncates it after the task's steps, or after `max_episode_steps` of your
     own; an environment made without it has no such limit. Each info says "is_success", "diverged"
     and "achieved_subgoal", the point of the subgoal space.
+
+    A third-party environment also terminates where it fails, is truncated after its steps, and
+    cannot be copied or pickled.
     """
 
     metadata = {"render_modes": shared.RENDER_MODES}  # noqa: RUF012
@@ -41,6 +44,7 @@ class GoalEnv(shared.Face, gymnasium.Env):
         self._load(name, 1, test, render_mode)
         self.action_space = shared.action_space(self._env)
         self.observation_space = shared.observation_space(self._env)
+        self._steps = 0
 
     @property
     def max_steps(self) -> int:
@@ -64,6 +68,7 @@ class GoalEnv(shared.Face, gymnasium.Env):
         super().reset(seed=seed)
         episode_seed = self.np_random.integers(shared.SEEDS)
         step = self._env.reset(np.array([episode_seed]), test=test)
+        self._steps = 0
         return self._observation(step), self._info(step)
 
     def step(self, action: np.ndarray) -> tuple[dict[str, np.ndarray], float, bool, bool, dict]:
@@ -73,11 +78,14 @@ class GoalEnv(shared.Face, gymnasium.Env):
           ValueError: the action is not finite, or has another shape.
         """
         step = self._env.step(self._natural(action, self.action_space.shape)[np.newaxis])
+        self._steps += 1
         observation, info = self._observation(step), self._info(step)
         reward = self.compute_reward(
             observation["achieved_goal"], observation["desired_goal"], info
         )
-        return observation, float(reward), info["is_success"], info["diverged"], info
+        failed, over = self._world_ended(step, np.array([self._steps]))
+        terminated = info["is_success"] or bool(failed[0])
+        return observation, float(reward), terminated, info["diverged"] or bool(over[0]), info
 
     def compute_reward(self, achieved_goal: np.ndarray, desired_goal: np.ndarray, info) -> Any:
         """The reward for each pair of goals [..., G]: 0.0 where achieved, otherwise -1.0."""
@@ -93,7 +101,11 @@ class GoalEnv(shared.Face, gymnasium.Env):
         self._env.close()
 
     def __reduce__(self) -> Any:
-        """A copy, also in another process, goes on from where this environment stands."""
+        """A copy, also in another process, goes on from where this environment stands.
+
+        Raises:
+          TypeError: it is a third-party environment.
+        """
         made = (self._name, self._test, self.render_mode)
         return _stand_in, made, (self._env.snapshot(), self._np_random, self._np_random_seed)
 

@@ -49,8 +49,26 @@ class Face:
 
     @property
     def observation_scale(self) -> np.ndarray:
-        """What "observation" is divided by to come out about [-1, 1]: [D]."""
+        """What "observation" less the offset is divided by to come out about [-1, 1]: [D]."""
         return self._env.observation_scale
+
+    @property
+    def observation_offset(self) -> np.ndarray:
+        """What is subtracted from "observation" before the division: [D]; mostly zeros."""
+        offset = self._env.observation_offset
+        return np.zeros(self._env.observation_dim) if offset is None else offset
+
+    def _world_ended(self, step: Any, steps: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Whether a third-party environment failed [N], and whether its time is over [N].
+
+        It then stands still. Our own tasks do neither.
+
+        Args:
+          steps: [N] control steps since the last reset.
+        """
+        if not hasattr(step, "failed"):
+            return np.zeros_like(step.diverged), np.zeros_like(step.diverged)
+        return step.failed, steps >= self._env.max_steps
 
     def _natural(self, actions: np.ndarray, shape: tuple[int, ...] | None) -> np.ndarray:
         """Actions in [-1, 1] in the motors' own units; ValueError: they have another shape."""

@@ -19,6 +19,10 @@ _NO_GOALS = (
     "{word}: no point that random episodes reach lies within goal.low and goal.high, and end goals "
     "are such points; widen them"
 )
+_NO_SNAPSHOT = (
+    "{title}: the state of a third-party environment cannot be copied or pickled; make another "
+    "environment and reset it with the same seed"
+)
 _NO_COMPOSER = "{word} is not a dm_control task, so it has no composer.Environment; use load_vector"
 
 
@@ -72,6 +76,20 @@ class FittedEnv:
     def render(self, i: int, **size: Any) -> np.ndarray:
         """A picture of environment i, uint8 [height, width, 3]."""
         return self._env.render(i, **size)
+
+    def snapshot(self) -> Any:
+        """Where all environments stand, as `tasks.vector.VectorEnv.snapshot` says it.
+
+        Raises:
+          TypeError: they are third-party environments.
+        """
+        if not hasattr(self._env, "snapshot"):
+            raise TypeError(_NO_SNAPSHOT.format(title=self.spec.title))
+        return self._env.snapshot()
+
+    def restore(self, snapshot: Any) -> None:
+        """Makes all environments stand where those did of which the snapshot is."""
+        self._env.restore(snapshot)
 
     def close(self) -> None:
         """Frees the environments. Repeatable."""
