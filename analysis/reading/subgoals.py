@@ -1,6 +1,8 @@
 """Reads records of policies' subgoals, starts and values, and names the command that makes them."""
 
 import json
+import re
+import shlex
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -9,6 +11,7 @@ import numpy as np
 import pandas as pd
 
 from analysis.reading import names
+from analysis.reading.results import read_manifest
 
 _ROOT = Path(__file__).parents[2]
 _KEY = ("task", "subgoal_layers", "seed", "episode", "level", "step", "end_step", "outcome")
@@ -18,10 +21,29 @@ _MISSING_COLUMNS = "{path}: lacks the column(s) {names}; record it again with `{
 
 def recording_command(task: str, folder: Path) -> str:
     """What records a task's subgoals and episodes into `folder`, run from the repository's root."""
-    folder = Path(folder)
+    word, folder = shlex.quote(task_word(task, folder)), Path(folder)
     if folder.is_absolute() and folder.is_relative_to(_ROOT):
         folder = folder.relative_to(_ROOT)
-    return f"python launch/record_subgoals.py --task={task} --output={folder}"
+    output = shlex.quote(str(folder))
+    return f"python launch/record_subgoals.py --task={word} --output={output}"
+
+
+def task_word(task: str, folder: Path) -> str:
+    """What --task takes for the task of a run folder; its name, where nothing else is known.
+
+    The name finds a task of the suite alone. The manifest has the word of one of your own: a
+    Gymnasium environment's with its options, or the file that the latest launch was given.
+    """
+    manifest, _ = read_manifest(Path(folder))
+    origin, command = manifest.get("task_file"), manifest.get("command")
+    if not isinstance(origin, dict):
+        return task
+    word = str(origin.get("task", ""))
+    if word.startswith("gym:"):
+        return word
+    words = "\0".join(map(str, command)) if isinstance(command, list) else ""
+    given = re.findall("\0--?task[=\0]([^\0]+)", words)
+    return given[-1] if given else task
 
 
 def load_subgoals(folder: Path, task: str, points: Mapping[str, tuple[str, ...]]) -> pd.DataFrame:

@@ -13,7 +13,7 @@ from analysis.figures.maps import draw_subgoal_maps, draw_values
 from analysis.figures.starts import draw_failures, draw_starts
 from analysis.reading import names, paper
 from analysis.reading.episodes import load_episodes, load_units
-from analysis.reading.subgoals import load_recorded, load_values
+from analysis.reading.subgoals import load_recorded, load_values, task_word
 
 
 class Explanation(NamedTuple):
@@ -40,8 +40,8 @@ def explanations(folder: Path, task: str) -> Iterator[Explanation]:
 
 def recording_command(task: str, folder: Path) -> str:
     """What records what these pictures show."""
-    run = shlex.quote(str(folder))
-    return f"python launch/record_episodes.py --task={shlex.quote(task)} --run={run}"
+    word, run = (shlex.quote(str(part)) for part in (task_word(task, folder), folder))
+    return f"python launch/record_episodes.py --task={word} --run={run}"
 
 
 def _starts(folder: Path, task: str) -> Iterator[Explanation]:
