@@ -22,7 +22,7 @@ from analysis import program
 from analysis.program import CommandError
 from analysis.reading import names, paper
 from launch.asking import lists, looks
-from launch.folder import policies
+from launch.folder import manifest, policies
 from launch.pictures import choosing, video
 
 _SUFFIXES = (".webp", ".gif", ".mp4")
@@ -98,8 +98,8 @@ def _film(values: flags.FlagValues) -> int:
         raise CommandError(f"flag --output={output}: give a name that ends in .webp, .gif or .mp4")
     look = video.Look(values.speed, values.camera, looks.size(values.size))
     columns = _stages(values, task) if values.training else _agents(values, task)
-    task = columns[-1].policy.task
-    last = _load(columns[-1].policy)
+    last = columns[-1].policy
+    word = tasks.find(lists.task(last.task)).word
     try:
         with looks.telling() as tell:
             notes = video.render_side_by_side(
@@ -110,7 +110,7 @@ def _film(values: flags.FlagValues) -> int:
                 said=paper.agent_name(last.subgoal_layers) if values.training else "",
                 most_bytes=round(values.megabytes * 1e6),
                 look=look,
-                task=tasks.find(lists.task(task)).word,
+                task=word,
                 tell=tell,
             )
     except video.RenderingError as error:
@@ -145,35 +145,39 @@ def _stages(values: flags.FlagValues, task: str) -> list[Column]:
             f"{policies.lacking(run / names.STAGES)}; `python launch/run.py --keep_policies=0,1,3` "
             "keeps the policies of these test periods"
         )
-    latest = max(policy.train_episodes for policy in found)
-    last = [policy for policy in found if policy.train_episodes == latest]
-    seed = policies.choose(last, run / names.STAGES, values.subgoal_layers, values.seed)[0].seed
+    trained = found[0].task
+    if trained != task and (values.run is None or values["task"].present):
+        raise CommandError(f"flag --task={task}: {run} holds policies of {trained}")
+    manifest.check_same_task(run / names.MANIFEST, tasks.find(lists.task(trained)))
+    by_training = sorted(found, key=lambda policy: policy.train_episodes)
+    last = {(policy.subgoal_layers, policy.seed): policy for policy in by_training}
+    where = run / names.STAGES
+    seed = policies.choose([*last.values()], where, values.subgoal_layers, values.seed)[0].seed
     own = [
         policy
-        for policy in found
+        for policy in by_training
         if (policy.subgoal_layers, policy.seed) == (values.subgoal_layers, seed)
     ]
-    return [
-        Column(policy, _when(policy.train_episodes))
-        for policy in sorted(own, key=lambda policy: policy.train_episodes)
-    ]
+    return [Column(policy, _when(policy.train_episodes)) for policy in own]
 
 
 def _when(train_episodes: int) -> str:
     return f"after {train_episodes} episodes" if train_episodes else "untrained"
 
 
-def _load(found: policies.Found) -> hac_suite.Policy:
+def _start_of(found: policies.Found) -> int:
+    """The first test start from which the policy reaches the goal; if there is none, the first.
+
+    Raises:
+      CommandError: it cannot be loaded or run.
+    """
     try:
-        return hac_suite.Policy.load(found.path)
-    except ValueError as error:
-        raise CommandError(f"policy {found.path}: {error}") from error
-
-
-def _start_of(policy: hac_suite.Policy) -> int:
-    """The first test start from which the policy reaches the goal; if there is none, the first."""
-    seeds = choosing.seeds_of_tests(policy)
-    won = np.flatnonzero(choosing.succeeds(policy, seeds))
+        policy = hac_suite.Policy.load(found.path)
+        seeds = choosing.seeds_of_tests(policy)
+        won = np.flatnonzero(choosing.succeeds(policy, seeds))
+    except (KeyError, TypeError, ValueError) as error:
+        what = f"lacks the entry {error}" if isinstance(error, KeyError) else str(error)
+        raise CommandError(f"policy {found.path}: {what}") from error
     return int(seeds[won[0] if len(won) else 0])
 
 

@@ -7,11 +7,13 @@ from pathlib import Path
 import pytest
 from PIL import Image
 
+import hac_suite
 from analysis.reading import names
 from launch import side_by_side
-from launch.folder import policies
+from launch.folder import manifest, policies
 from launch.folder.layout import RunFolder
 from launch.pictures import video
+from tests.launch import line
 from tests.launch.lives import TASK as TINY
 from tests.launch.lives import live, tiny
 
@@ -38,14 +40,20 @@ def run(tmp_path) -> RunFolder:
     """A run folder with the published policies of one agent as if of several test periods."""
     folder = RunFolder(tmp_path, TASK)
     folder.stages.mkdir(parents=True)
-    (published,) = [f for f in policies.published(TASK) if f.subgoal_layers == 2]
     for period in (10, 0, 3):
-        path = folder.stage(2, 0, period)
-        shutil.copy(published.path.with_suffix(".safetensors"), f"{path}.safetensors")
-        about = json.loads(published.path.with_suffix(".json").read_text())
-        about |= {"train_episodes": 300 * period}
-        Path(f"{path}.json").write_text(json.dumps(about))
+        keep(folder, 2, 0, period)
     return folder
+
+
+def keep(folder: RunFolder, layers: int, seed: int, period: int, **changes) -> Path:
+    """Puts a published policy there as one of a test period; returns its description."""
+    (published,) = [f for f in policies.published(TASK) if f.subgoal_layers == layers]
+    path = folder.stage(layers, seed, period)
+    shutil.copy(published.path.with_suffix(".safetensors"), f"{path}.safetensors")
+    about = json.loads(published.path.with_suffix(".json").read_text())
+    about |= {"seed": seed, "train_episodes": 300 * period, **changes}
+    Path(f"{path}.json").write_text(json.dumps(about))
+    return Path(f"{path}.json")
 
 
 def test_agents_are_shown_from_a_start_that_the_deepest_one_masters(asked):
@@ -56,7 +64,7 @@ def test_agents_are_shown_from_a_start_that_the_deepest_one_masters(asked):
         "0layers", "1layers", "2layers",
     ]  # fmt: skip
     assert request["most_bytes"] == 3_000_000
-    last = side_by_side._load(policies.published(TASK)[-1])
+    last = hac_suite.Policy.load(policies.published(TASK)[-1].path)
     seeds = side_by_side.choosing.seeds_of_tests(last)
     won = side_by_side.choosing.succeeds(last, seeds)
     assert request["seed"] == seeds[won.argmax()] and won.any()
@@ -69,6 +77,50 @@ def test_stages_of_training_are_shown_in_their_order(asked, run):
     assert request["columns"] == ["untrained", "after 900 episodes", "after 3000 episodes"]
     assert [path.name[-1] for path in request["paths"]] == ["0", "3", "0"]
     assert request["seed"] == 7 and request["said"] == "2 subgoal layers"
+
+
+def test_an_agent_that_trained_for_less_is_shown_as_far_as_it_got(asked, run):
+    """The others, and its other seeds, may be ahead."""
+    for seed, period in ((4, 0), (4, 3), (5, 0), (5, 1)):
+        keep(run, 1, seed, period)
+    words = [f"--run={run.path}", "--training", "--subgoal_layers=1", "--episode=7"]
+    assert side_by_side.main(["", *words, "--seed=5"]) == 0
+    assert asked[0]["columns"] == ["untrained", "after 300 episodes"]
+    assert side_by_side.main(["", *words]) == 0
+    assert asked[1]["columns"][0] == "untrained" and len(asked[1]["columns"]) == 2
+
+
+def test_a_policy_that_does_not_fit_is_answered_in_one_line(asked, run, capsys):
+    words = ["", f"--run={run.path}", "--training"]
+    about = keep(run, 2, 0, 10)
+    whole = json.loads(about.read_text())
+    about.write_text(json.dumps({name: whole[name] for name in whole if name != "config"}))
+    assert side_by_side.main(words) == 2
+    assert "lacks the entry 'config'" in capsys.readouterr().err
+    for file in run.stages.glob("*.json"):
+        file.write_text(json.dumps(json.loads(file.read_text()) | {"task": "pendulum_climb"}))
+    assert side_by_side.main(words) == 2
+    printed = capsys.readouterr().err
+    assert printed.startswith("error: policy ") and printed.count("\n") == 1 and not asked
+    assert side_by_side.main([*words, f"--task={TASK}"]) == 2
+    assert "holds policies of pendulum_climb" in capsys.readouterr().err
+
+
+def test_stages_of_a_task_that_was_changed_since_are_refused(asked, tmp_path, capsys):
+    folder = RunFolder(tmp_path, line.TASK)
+    folder.stages.mkdir(parents=True)
+    keep(folder, 2, 0, 3, task=line.TASK)
+    earlier = {"task": line.WORD, "package": "lines 0.1", "settings": {}}
+    text = manifest.new(line.TASK, 25, {}) | {"task_file": earlier}
+    folder.manifest.write_text(json.dumps(text))
+    words = ["", f"--run={folder.path}", "--training"]
+    assert side_by_side.main([*words, f"--task={line.WORD}"]) == 2
+    printed = capsys.readouterr().err
+    assert "was trained on another version of the task" in printed and printed.count("\n") == 1
+    folder.manifest.unlink()
+    assert side_by_side.main([*words, f"--task={line.WORD}"]) == 2  # and its policies do not fit
+    printed = capsys.readouterr().err
+    assert printed.startswith("error: policy ") and printed.count("\n") == 1 and not asked
 
 
 @pytest.mark.parametrize(
