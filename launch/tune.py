@@ -22,6 +22,7 @@ import tasks
 from analysis import program
 from analysis.program import CommandError
 from analysis.reading import schema
+from hac_suite.learning import learners
 from launch.asking import lists, settings
 from launch.folder import manifest
 from launch.jobs.local import StopSignal
@@ -45,7 +46,8 @@ machines may share it. `python -m analysis.tuning` shows which hyperparameters m
 Flags:
 {flags}
 
-The same command continues a study until its budget is used up; more --hours extend it.
+The same command continues a study until its budget is used up; more --hours extend it. It tries
+starts again whose trials failed.
 Exit status: 0 the budget is used up; 1 some trials failed, the others are kept; 2 the command was
 wrong; 128+n signal n stopped it (130 after Ctrl-C), finished trials are kept."""
 
@@ -182,6 +184,12 @@ def _learner(name: str | None) -> str | None:
     if name is None:
         return None
     settings.to_config({**settings.as_json(hac_suite.Config()), "learner": name})
+    try:
+        learners.find(name)
+    except (Exception, SystemExit) as error:  # a file of one's own is code: it can do anything
+        kind = "" if isinstance(error, ValueError) else f"{type(error).__name__}: "
+        why = " ".join(f"{kind}{error}".split())
+        raise CommandError(f"flag --learner={name}: {why}") from error
     return name
 
 

@@ -56,8 +56,13 @@ class Asked(NamedTuple):
 class Study:
     """The journal's study, as one worker sees it."""
 
-    def __init__(self, path: Path, asked: Asked, space: Space, hours: float):
+    def __init__(
+        self, path: Path, asked: Asked, space: Space, hours: float, *, retries: bool = True
+    ):
         """Opens the journal, or begins it with the space's starts as its first trials.
+
+        Args:
+          retries: whether starts whose trials raised an error are to be tried again.
 
         Raises:
           CommandError: the journal is of other tasks, seeds, ... or no journal at all.
@@ -70,7 +75,7 @@ class Study:
             _mend(path)
             self._study = _open(path, asked.name)
             self._check_same()
-            self._enqueue_starts()
+            self._enqueue_starts(retries)
             if self._study.user_attrs.get("hours") != hours:
                 self._study.set_user_attr("hours", hours)
 
@@ -103,8 +108,9 @@ class Study:
         if differences:
             raise CommandError(_DIFFERS.format(path=self.path, differences="; ".join(differences)))
 
-    def _enqueue_starts(self) -> None:
-        begun = {trial.user_attrs.get("label") for trial in self.trials()}
+    def _enqueue_starts(self, retries: bool) -> None:
+        last = {trial.user_attrs.get("label"): trial for trial in self.trials()}
+        begun = {label for label, trial in last.items() if not (retries and _raised(trial))}
         asked: list[Values] = []
         for label in self.space.starts:
             values = self.space.start(label, self.asked.subgoal_layers)
@@ -211,6 +217,11 @@ class Buried(Exception):
 def cost(trial: FrozenTrial) -> float:
     """CPU seconds of a trial, also of one that was killed: as it last said."""
     return float(trial.user_attrs.get("cpu_seconds", 0.0))
+
+
+def _raised(trial: FrozenTrial) -> bool:
+    """Whether an error ended a trial; one that was killed too often does not say how it ended."""
+    return trial.state == TrialState.FAIL and "ended" in trial.user_attrs
 
 
 def _plain(value: Any) -> Any:

@@ -90,7 +90,7 @@ def _other(plan: Plan) -> None:
     signal.signal(signal.SIGTERM, lambda number, _: ended.append(number))
     parent = multiprocessing.parent_process()
     assert parent is not None
-    study = Study(plan.path, plan.asked, plan.space, plan.hours)
+    study = Study(plan.path, plan.asked, plan.space, plan.hours, retries=False)
     failures = _work(study, plan, lambda: bool(ended) or not parent.is_alive())
     raise SystemExit(1 if failures else 0)
 

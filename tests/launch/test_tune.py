@@ -280,6 +280,8 @@ def test_the_real_training_is_what_a_trial_carries_out(tmp_path, layers):
         ("--subgoal_layers=3", "3 is not an integer in the range [0, 2]"),
         ("--periods=0", "--periods=0"),
         ("--learner=sac", "sac"),
+        ("--learner=none.py:Mine", "there is no such file"),
+        (f"--learner={ROOT}/tests/launch/fake_trainings.py:Mine", "has no class 'Mine'"),
         ("--search=none.toml", "there is no search file 'none.toml'"),
         (f"--search={ROOT}", "cannot be read"),
         (f"--out={ROOT}/README.md", "README.md is no folder"),
@@ -293,6 +295,28 @@ def test_a_wrong_command_is_answered_in_a_line_and_nothing_is_made(tmp_path, cap
     error = capsys.readouterr().err
     assert said in error and error.count("\n") == 1 and error.startswith("error: ")
     assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [("import nothing_of_that_name", "ModuleNotFoundError: No module named 'nothing_of_that_name'"),
+     ("raise RuntimeError('two\\nlines')", "RuntimeError: two lines"),
+     ("import sys; sys.exit('no')", "SystemExit: no")],
+)  # fmt: skip
+def test_a_learner_that_does_not_load_is_said_and_nothing_is_made(tmp_path, capsys, text, said):
+    file = tmp_path / "own.py"
+    file.write_text(text)
+    command = words(tmp_path / "out", more=[f"--learner={file}:Mine"])
+    assert tune.main(command, train=fake_trainings.raises) == 2
+    assert capsys.readouterr().err == f"error: flag --learner={file}:Mine: {said}\n"
+    assert not (tmp_path / "out").exists()
+
+
+def test_the_next_launch_tries_starts_again_that_failed(tmp_path):
+    assert tune.main(words(tmp_path), train=fake_trainings.raises) == 1
+    assert tune.main(words(tmp_path, seconds=0.3), train=fake_trainings.quick) == 0
+    done = of_state(study(tmp_path).trials, TrialState.COMPLETE)
+    assert [trial.user_attrs.get("label") for trial in done][:2] == ["default", "candidate"]
 
 
 def test_without_optuna_the_extra_is_named(tmp_path, capsys, monkeypatch):

@@ -101,6 +101,18 @@ def test_who_was_taken_for_dead_learns_it_at_whatever_it_does_next(path):
     assert [t.state for t in study.trials()] == [TrialState.FAIL, TrialState.WAITING]
 
 
+def test_a_start_that_raised_is_tried_again_once_by_each_launch(path):
+    study = opened(path)
+    study.fail(study.claim(print), again=False, ended="RuntimeError: no")
+
+    def waiting(study):
+        return [t.user_attrs["label"] for t in study.trials() if t.state == TrialState.WAITING]
+
+    assert waiting(Study(path, ASKED, SPACE, 1.0, retries=False)) == ["candidate"]
+    assert waiting(opened(path)) == ["candidate", "default"]
+    assert waiting(opened(path)) == ["candidate", "default"]
+
+
 def test_what_is_open_is_what_was_begun(path):
     study = opened(path)
     study.fail(study.claim(print), again=False, cpu_seconds=1800.0)
