@@ -1,10 +1,12 @@
 """Several episodes from the same start side by side, each with its lanes below."""
 
+import math
 from collections.abc import Iterator, Sequence
 
 import numpy as np
 from PIL import Image, ImageDraw
 
+from analysis.program import CommandError
 from analysis.reading import paper
 from launch.drawing import ink, lanes, pacing
 from launch.drawing.cell import Cell, view_of
@@ -12,6 +14,7 @@ from launch.pictures.course import Course
 
 _WIDTH = 1000  # in units
 _GAP, _TITLE, _NAME, _KEY = 6, 34, 32, 34  # in units
+_LEAST = 60  # units that a picture must be high, so that its outcome can be read
 _LONGER = 1.4  # times the longest success: failures are not shown for longer
 
 
@@ -33,7 +36,7 @@ class Columns:
           said: of all of them, above them.
 
         Raises:
-          CommandError: the task has no such camera.
+          CommandError: the task has no such camera, or the size leaves no room for pictures.
         """
         first = courses[0]
         steps = shown_steps(courses)
@@ -44,7 +47,14 @@ class Columns:
         wide = (size[0] - gap * (len(courses) - 1)) // len(courses)
         self._top = round((_TITLE + _NAME) * unit)
         below = lanes.height(layers + 1, unit, key=False)
-        high = size[1] - self._top - below - round(_KEY * unit)
+        around = self._top + below + round(_KEY * unit)
+        least = 2 * math.ceil((around + _LEAST * unit) / 2)  # films are of even sizes
+        if size[1] < least:
+            raise CommandError(
+                f"flag --size={size[0]}x{size[1]}: too low for its width; give a height of at "
+                f"least {least}"
+            )
+        high = size[1] - around
         view = view_of(list(courses), camera, (wide, high))
         rate = self._pace.speed / first.control_timestep
         self._cells = [Cell(course, view, rate, 0.8 * unit) for course in courses]

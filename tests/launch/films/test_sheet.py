@@ -5,6 +5,7 @@ import pytest
 
 import hac_suite
 import tasks
+from analysis.program import CommandError
 from launch.drawing import pacing
 from launch.films.columns import Columns, shown_steps
 from launch.films.sheet import Sheet
@@ -84,3 +85,15 @@ def test_failures_are_not_shown_much_longer_than_successes(drawing_itself):
     lost = course._replace(success=False, trail=np.zeros((course.steps * 4, 0, 3)))
     assert shown_steps([lost, course]) == round(1.4 * course.steps)
     assert shown_steps([lost, lost]) == lost.steps
+
+
+def test_a_size_without_room_for_pictures_is_refused_with_the_least_height(drawing_itself):
+    courses = [course_lib.record(policy(layers), SEED) for layers in (0, 1)]
+    with pytest.raises(
+        CommandError, match=r"--size=1280x240: too low .* at least (\d+)$"
+    ) as raised:
+        Columns(courses, ["none", "one"], (1280, 240), None)
+    least = int(str(raised.value).rpartition(" ")[2])
+    columns = Columns(courses, ["none", "one"], (1280, least), None)
+    columns.close()
+    assert columns.frame(0.0).shape == (least, 1280, 3) and least % 2 == 0
