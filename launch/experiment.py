@@ -218,7 +218,7 @@ def _doubts(launch: Launch, jobs: Sequence[Job]) -> list[str]:
         launch.workers,
         _size_of(launch.request),
         launch.request.out,
-        kept=sum(folder.checkpoint_bytes() for folder in launch.folders.values()),
+        kept=needs.replaced(jobs, launch.folders),
         keep_final=launch.request.keep_final,
         here=launch.cluster is None,
     )

@@ -4,7 +4,7 @@ import heapq
 import itertools
 import os
 import shutil
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -12,6 +12,7 @@ import hac_suite
 from analysis.program import CommandError
 from hac_suite.types import Spaces, level_specs
 from launch.folder.agents import Job
+from launch.folder.layout import RunFolder
 
 PROCESS = 400_000_000  # bytes that a worker takes whatever it trains: Python, torch, MuJoCo
 _TABLES = 9  # of a level's size: two networks, their targets and moments, the tested actor
@@ -97,6 +98,16 @@ def of_jobs(
     return Need(memory, kept + 2 * training)
 
 
+def replaced(jobs: Iterable[Job], folders: Mapping[str, RunFolder]) -> int:
+    """Bytes of the checkpoints that the jobs' seeds have in their tasks' folders already."""
+    own = (
+        folders[job.agent.task].checkpoints_of(job.agent.subgoal_layers, seed)
+        for job in jobs
+        for seed in job.seeds
+    )
+    return sum(file.stat().st_size for of in own for file in of.glob("*") if file.is_file())
+
+
 def doubts(
     jobs: Sequence[Job],
     workers: int,
@@ -111,7 +122,7 @@ def doubts(
 
     Args:
       size_of: as in `of_jobs`.
-      kept: bytes of checkpoints that are there already, and are replaced.
+      kept: bytes of checkpoints that are there already, and are `replaced`.
       here: whether they are trained on this machine.
 
     Raises:

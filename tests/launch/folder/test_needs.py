@@ -13,6 +13,7 @@ from hac_suite.config import SUITE, horizons
 from hac_suite.training.loop import Training
 from launch.folder import needs
 from launch.folder.agents import Agent, Job
+from launch.folder.layout import RunFolder
 from tests.hac_suite.tiny_envs import PointEnv
 from tests.launch.lives import TASK, live, tiny
 
@@ -125,6 +126,18 @@ def test_checkpoints_that_are_replaced_are_room(tmp_path, monkeypatch):
     assert "checkpoints may need 4 kB of disk" in line and "has 2 kB free" in line
     assert doubts(1500) == []
     assert len(doubts(0, keep_final=False)) == 1 and doubts(500, keep_final=False) == []
+
+
+def test_checkpoints_of_other_seeds_are_no_room(tmp_path, tiny, monkeypatch):
+    assert live(tmp_path, *WORDS)[0] == 0
+    folder = RunFolder(tmp_path, TASK)
+    assert folder.checkpoint_bytes() > 100_000  # of finished seeds: they stay
+    of_seed_1 = sum(file.stat().st_size for file in folder.checkpoints_of(1, 1).iterdir())
+    jobs = [Job(Agent(TASK, 1), (1, 7)), Job(Agent(TASK, 0), (2,))]
+    assert needs.replaced(jobs, {TASK: folder}) == of_seed_1
+    has(monkeypatch, disk=10_000)
+    status, printed = live(tmp_path, *WORDS, "--seeds=10-11")
+    assert status == 2 and "has 10 kB free" in printed
 
 
 def test_a_finished_folder_needs_nothing(tmp_path, tiny, monkeypatch):
