@@ -2,10 +2,13 @@
 
 from collections.abc import Callable, Mapping
 
+from analysis.program import CommandError
 from launch.folder.agents import Job
 from launch.jobs import checkpointing
 from launch.jobs.recorder import Recorder
 from launch.jobs.worker import Plan
+
+_NONE_LEFT = "all of its seeds had failed before: {reasons}"
 
 
 def again(
@@ -14,12 +17,19 @@ def again(
     """The job as it is to begin again; rows that only its checkpoints have are recorded first.
 
     Its seeds begin together, where the last one's checkpoint stands: each keeps the one before.
+
+    Raises:
+      CommandError: each of its seeds has failed by itself, or a checkpoint is of another run.
     """
     task, subgoal_layers = job.agent
     plan = plans[task]
     setup = checkpointing.Setup(job.agent, plan.horizons[subgoal_layers], plan.config)
     folder = recorder.folders[task]
-    job = job._replace(seeds=recorder.unfailed(job))
+    seeds = recorder.unfailed(job)
+    if not seeds:
+        reasons = {recorder.failures[job._replace(seeds=(seed,))] for seed in job.seeds}
+        raise CommandError(_NONE_LEFT.format(reasons="; ".join(sorted(reasons))))
+    job = job._replace(seeds=seeds)
     found, warnings = checkpointing.interrupted(
         folder, setup, job.seeds, plan.periods, other_versions=True
     )

@@ -6,6 +6,7 @@ import pytest
 import torch
 
 import hac_suite
+from analysis.program import CommandError
 from analysis.reading.results import load
 from hac_suite import checkpoint
 from hac_suite.state import SeedState
@@ -72,6 +73,17 @@ def test_it_begins_where_the_last_of_its_seeds_stands(folder, recorder):
     save(folder, 0, 4, 8)
     save(folder, 1, 4)  # the machine died between the two
     assert again(folder, recorder) == JOB._replace(start=4)
+
+
+def test_of_seeds_that_failed_by_themselves_none_begins_again(folder, recorder):
+    recorder.manifests[folder.task]["failures"] = []
+    save(folder, 1, 4)
+    with Board([JOB], 16, Console(file=io.StringIO())) as board:
+        recorder.receive(board, JOB, messages.SeedFailed(0, "its weights are not finite"))
+        assert again(folder, recorder) == JOB._replace(seeds=(1,), start=4)
+        recorder.receive(board, JOB, messages.SeedFailed(1, "its weights are not finite"))
+    with pytest.raises(CommandError, match="failed before: its weights are not finite"):
+        again(folder, recorder)
 
 
 def test_rows_that_only_checkpoints_have_are_recorded_and_none_is_recorded_twice(folder, recorder):
