@@ -7,8 +7,10 @@ from pathlib import Path
 
 from analysis import program
 from analysis.figures.success import save_png
+from analysis.reading import names
 from analysis.reading.files import write_atomically
 from analysis.reading.results import load
+from analysis.reading.subgoals import load_recorded
 from analysis.report.explanations import explanations, recording_command
 
 _HELP = """Draws pictures that explain the agents of a run folder, from the records in it.
@@ -32,7 +34,7 @@ def write_explanations(folder: Path) -> list[Path]:
     Raises:
       FileNotFoundError, ValueError: there are no results, or no records.
     """
-    task = load(folder)["task"].iloc[0]
+    task = _task(folder)
     paths = []
     for shown in explanations(folder, task):
         paths.append(folder / f"{shown.name}.png")
@@ -41,6 +43,16 @@ def write_explanations(folder: Path) -> list[Path]:
         command = recording_command(task, folder)
         raise ValueError(f"{folder}: no episodes are recorded; record some with `{command}`")
     return paths
+
+
+def _task(folder: Path) -> str:
+    """Whose the records are; those of published policies can lie in a folder without results."""
+    try:
+        return load(folder)["task"].iloc[0]
+    except FileNotFoundError:
+        if not (folder / names.STARTS).is_file():
+            raise
+        return next(iter(load_recorded(folder, names.STARTS)["task"]), "")
 
 
 def main(argv: Sequence[str]) -> int:

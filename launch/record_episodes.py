@@ -38,7 +38,8 @@ _HELP = """Replays test episodes of a run's policies and records data for explai
 
 writes into the run folder: starts.csv, the start, goal and outcome of every episode; failures.json,
 whole episodes that failed; maps.csv, every subgoal, also of policies that --keep_policies kept; and
-values.json, Q over the goals of each level.
+values.json, Q over the goals of each level. Without a run folder, give --output: the published
+policies are then replayed.
 
 Flags:
 {flags}
@@ -68,7 +69,13 @@ def _record(values: flags.FlagValues) -> None:
     if not found:
         raise CommandError(policies.lacking(where, task))
     stages = policies.find(where / names.STAGES)
-    output = Path(values.output) if values.output else run or Path("runs", task)
+    if where == policies.PUBLISHED and not values.output:
+        # In runs/TASK they would be taken for records of what is trained there later.
+        raise CommandError(
+            f"{policies.lacking(Path('runs', task))}; give the run folder as --run, or a folder "
+            "as --output for records of the published policies"
+        )
+    output = Path(values.output) if values.output else where
     for path in record(found, stages, output, values.episodes):
         print(path)
 
@@ -100,7 +107,9 @@ def record(
     starts = [*head, "success", "steps", *tables.points(subgoals, "start"), *of_goal]
     tables.write(paths[0], starts, itertools.chain.from_iterable(map(_starts, replays)))
     maps = [*head, "level", "step", "outcome", *tables.points(subgoals, "subgoal"), *of_goal]
-    tables.write(paths[1], maps, itertools.chain.from_iterable(map(_maps, earlier or replays)))
+    kept = [_key(policy) for policy in stages]
+    mapped = [*earlier, *(played for played in replays if _key(played[0]) not in kept)]
+    tables.write(paths[1], maps, itertools.chain.from_iterable(map(_maps, mapped)))
     failed = list(_failures([played for _, played in replays]))
     write_text(paths[2], json.dumps(anatomy(failed, found[0].task)) + "\n")
     write_text(paths[3], json.dumps(values.of_agents(found)) + "\n")

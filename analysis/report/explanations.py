@@ -34,7 +34,7 @@ def explanations(folder: Path, task: str) -> Iterator[Explanation]:
     for make in makers:
         try:
             yield from make(folder, task)
-        except (OSError, ValueError, KeyError, TypeError):
+        except (LookupError, OSError, TypeError, ValueError):
             continue  # not recorded, or damaged: the others can still be seen
 
 

@@ -98,11 +98,27 @@ def test_without_records_the_command_that_makes_them_is_named(folder, capsys):
     assert "launch/record_episodes.py" in write_report(folder).read_text()
 
 
+def test_records_need_no_results(folder, capsys):
+    """Those of published policies are in a folder of their own."""
+    for name in (names.RESULTS, names.MAPS, names.FAILED_EPISODES, names.VALUES):
+        (folder / name).unlink()
+    assert main(["", str(folder)]) == 0
+    assert capsys.readouterr().out.split() == [str(folder / "starts.png")]
+    (folder / names.STARTS).unlink()
+    assert main(["", str(folder)]) == 2
+    assert "no results.csv here" in capsys.readouterr().err
+
+
 def test_a_damaged_record_hides_no_other(folder):
     (folder / names.STARTS).write_text("nonsense")
     (folder / names.VALUES).write_text("{}")
     found = [shown.name for shown in explanations(folder, TASK)]
     assert found == ["failures_2layers", "subgoal_maps"]
+    record = _failed()  # which can be read, and not be drawn
+    subgoal = {"level": 1, "step": 0, "end_step": 3, "outcome": "missed", "subgoal": []}
+    record["episodes"][0]["subgoals"] = [subgoal]
+    (folder / names.FAILED_EPISODES).write_text(json.dumps(record))
+    assert [shown.name for shown in explanations(folder, TASK)] == ["subgoal_maps"]
 
 
 def test_the_published_subgoals_are_mapped_where_nothing_else_is(folder):
