@@ -4,10 +4,12 @@ import contextlib
 import functools
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from pathlib import Path
 from typing import NamedTuple
 
 import hac_suite
 import tasks
+from hac_suite import policy_files
 from launch.asking import doubts, settings
 from launch.asking.console import Console
 from launch.asking.request import Request
@@ -21,6 +23,11 @@ from launch.jobs.messages import Hooks
 from launch.jobs.progress import Board
 from launch.jobs.recorder import Recorder
 from launch.pictures import summary
+
+_NOT_KEPT = (
+    "note: {agent}: --keep_policies comes too late for test period(s) {periods} of {count} "
+    "seed(s), which are past them; give another --out to train them again and keep those policies"
+)
 
 
 class Launch(NamedTuple):
@@ -255,7 +262,8 @@ def _prepare(launch: Launch, recorder: Recorder, standing: Iterable[Seeds]) -> N
     runs: dict[str, dict[tuple[int, int], list]] = {task: {} for task in launch.folders}
     for seeds in standing:
         task, layers = seeds.agent
-        for line in (*seeds.warnings, *_said(seeds, launch.request)):
+        late = _not_kept(launch.folders[task], seeds, launch.request)
+        for line in (*seeds.warnings, *_said(seeds, launch.request), *late):
             launch.say(line)
         if not launch.request.keep_final:
             launch.folders[task].drop_checkpoints((layers, seed) for seed in seeds.finished)
@@ -302,6 +310,25 @@ def _said(seeds: Seeds, request: Request) -> list[str]:
             "they are trained again from the start"
         )
     return lines
+
+
+def _not_kept(folder: RunFolder, seeds: Seeds, request: Request) -> Iterator[str]:
+    """Says which policies of earlier test periods are asked for, but were not kept in time."""
+    layers, behind = seeds.agent.subgoal_layers, dict.fromkeys(seeds.finished, request.periods + 1)
+    behind |= {seed: len(own.rows) for seed, own in seeds.interrupted.items()}
+    late = [
+        (seed, period)
+        for seed, periods in behind.items()
+        for period in request.keep_policies
+        if period < periods
+        and not all(map(Path.is_file, policy_files.paths(folder.stage(layers, seed, period))))
+    ]
+    if late:
+        yield _NOT_KEPT.format(
+            agent=seeds.agent,
+            periods=", ".join(map(str, sorted({period for _, period in late}))),
+            count=len({seed for seed, _ in late}),
+        )
 
 
 def _train(launch: Launch, recorder: Recorder, jobs: Sequence[Job], work) -> None:

@@ -12,12 +12,15 @@ import pytest
 
 from analysis.program import CommandError
 from analysis.reading.results import load
+from hac_suite import policy_files
+from launch import experiment
 from launch.asking import doubts, request
 from launch.asking.console import Console
 from launch.folder import manifest, results
 from launch.folder.agents import Agent, Job
 from launch.folder.layout import RunFolder
 from launch.jobs import messages
+from launch.jobs.checkpointing import Standing
 from launch.jobs.progress import Board
 from launch.jobs.recorder import Recorder
 from launch.pictures import scene, video
@@ -40,6 +43,35 @@ def jobs(out) -> list[tuple[int, int]]:
     return sorted(
         (job["subgoal_layers"], seed) for job in recorded["jobs"] for seed in job["seeds"]
     )
+
+
+def leave_stages(folder: RunFolder, *kept: tuple[int, int]) -> None:
+    """Leaves files as if the policies of these (seed, period) had been kept."""
+    folder.stages.mkdir(exist_ok=True)
+    for pair in kept:
+        for file in policy_files.paths(folder.stage(1, *pair)):
+            file.touch()
+
+
+def test_policies_that_were_not_kept_in_time_are_named(tmp_path, capsys):
+    assert launch(tmp_path, "--seeds=2", "--periods=2") == 0
+    leave_stages(RunFolder(tmp_path, "pendulum_climb"), (0, 0), (0, 1), (1, 0))
+    assert "--keep_policies comes" not in capsys.readouterr().out
+    assert launch(tmp_path, "--seeds=3", "--periods=2", "--keep_policies=0") == 0
+    assert "--keep_policies comes" not in capsys.readouterr().out
+    assert launch(tmp_path, "--seeds=2", "--periods=2", "--keep_policies=0,1,2") == 0
+    said = " ".join(capsys.readouterr().out.split())
+    assert "--keep_policies comes too late for test period(s) 1, 2 of 2 seed(s)" in said
+    assert "give another --out to train them again" in said
+
+
+def test_an_interrupted_seed_keeps_the_policies_that_it_has_before_it(tmp_path):
+    folder, agent = RunFolder(tmp_path, "pendulum_climb"), Agent("pendulum_climb", 1)
+    asked = request.parse(["run.py", f"--out={tmp_path}", "--periods=4", "--keep_policies=0,1,3"])
+    standing = Standing(1, [{"period": 0}, {"period": 1}])
+    seeds = experiment.Seeds(agent, (), {0: standing}, (), (), ())
+    (line,) = experiment._not_kept(folder, seeds, asked)
+    assert "test period(s) 0, 1 of 1 seed(s)" in line
 
 
 def test_a_launch_leaves_a_whole_run_folder(tmp_path, capsys):
