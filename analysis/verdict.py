@@ -46,6 +46,8 @@ def judge(folder: Path, others: Sequence[Path]) -> list[hierarchy.Verdict]:
             found = ", ".join(sorted(set(rows["task"])))
             raise ValueError(f"{other}: holds results of {found}, not of {tasks[0]}")
         flats[_name(other)] = rows[rows["subgoal_layers"] == 0]
+        if not len(flats[_name(other)]):
+            raise ValueError(f"{other}: holds no agent without subgoal layers")
     try:
         return hierarchy.judge(results, flats)
     except ValueError as error:
@@ -54,7 +56,8 @@ def judge(folder: Path, others: Sequence[Path]) -> list[hierarchy.Verdict]:
 
 def _name(folder: Path) -> str:
     """What another flat agent is called: its learner, if its manifest says it."""
-    learner = read_manifest(folder)[0].get("config", {}).get("learner")
+    config = read_manifest(folder)[0].get("config")
+    learner = config.get("learner") if isinstance(config, dict) else None
     return f"{learner.upper()}, {folder}" if isinstance(learner, str) else str(folder)
 
 

@@ -108,12 +108,19 @@ def _named(words: Sequence[str]) -> Sequence[str]:
     return words
 
 
+def _changed(config: hac_suite.Config, variant: str) -> hac_suite.Config:
+    """Raises CommandError where the variant cannot have the rest of the config."""
+    try:
+        return dataclasses.replace(config, **VARIANTS[variant])
+    except ValueError as error:
+        raise CommandError(f"variant {variant}: {error}; leave it out of --variants") from error
+
+
 def _train(asked: Request, variants: Sequence[str], command: Sequence[str], run: Run) -> int:
     """Carries out the request for each variant, in a folder of its own; the worst exit status."""
-    worst = 0
-    for variant in variants:
+    worst, configs = 0, {variant: _changed(asked.config, variant) for variant in variants}
+    for variant, config in configs.items():
         print(f"==> {variant}", flush=True)
-        config = dataclasses.replace(asked.config, **VARIANTS[variant])
         own = asked._replace(config=config, out=asked.out / variant)
         status = run(own, [*command, f"--variants={variant}"])
         worst = max(worst, status)

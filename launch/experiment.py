@@ -1,6 +1,7 @@
 """One launch from request to exit status: plan, train, draw, render, summarise."""
 
 import contextlib
+import dataclasses
 import functools
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -174,6 +175,8 @@ def _manifest(folder: RunFolder, request: Request) -> manifest.Manifest:
     }
     if own_file := manifest.task_file(tasks.find(folder.task)):
         wanted["task_file"] = own_file
+    if of_learner := manifest.learner_file(request.config.learner):
+        wanted["learner_file"] = of_learner
     found = manifest.read(folder.manifest)
     if found is None:
         return wanted
@@ -362,13 +365,21 @@ def _plan(task: str, request: Request, recorder: Recorder) -> worker.Plan:
     return worker.Plan(
         word=tasks.find(task).word,
         out=request.out.resolve(),
-        config=request.config,
+        config=_anywhere(request.config),
         horizons={layers: tuple(horizons[str(layers)]) for layers in request.subgoal_layers},
         periods=request.periods,
         device=request.device,
         keep_final=request.keep_final,
         kept=request.keep_policies,
     )
+
+
+def _anywhere(config: hac_suite.Config) -> hac_suite.Config:
+    """The config for workers in other folders: a learner's file is named with its own."""
+    file, colon, name = config.learner.rpartition(":")
+    if not colon:
+        return config
+    return dataclasses.replace(config, learner=f"{Path(file).resolve()}:{name}")
 
 
 def _kept(folder: RunFolder) -> Iterator[str]:

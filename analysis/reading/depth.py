@@ -56,7 +56,8 @@ def _check_same(configs: dict[Path, dict[str, Any] | None]) -> None:
     known = [(path, config) for path, config in configs.items() if config is not None]
     for path, config in known[1:]:
         other, first = known[0]
-        differ = [name for name in sorted({*first, *config}) if first.get(name) != config.get(name)]
+        # A field that one lacks came later, and changes nothing by default.
+        differ = [name for name in sorted({*first} & {*config}) if first[name] != config[name]]
         if differ:
             raise ValueError(
                 _CONFIGS.format(path=path.parent, other=other.parent, names=", ".join(differ))

@@ -246,7 +246,12 @@ def _check_unique(results: pd.DataFrame) -> None:
 
 
 def read_manifest(folder: Path) -> tuple[dict[str, Any], str]:
-    """A run folder's manifest, or {} and what is wrong: results are worth reading without one."""
+    """A run folder's manifest, or {} and what is wrong: results are worth reading without one.
+
+    Args:
+      folder: the run folder, or its results.csv.
+    """
+    folder = folder.parent if folder.is_file() else folder
     try:
         manifest = json.loads(files.read_text(folder / names.MANIFEST))
     except FileNotFoundError:

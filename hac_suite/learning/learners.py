@@ -3,6 +3,8 @@
 import difflib
 import importlib
 import importlib.util
+import sys
+import zlib
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -44,14 +46,29 @@ def find(word: str) -> type[Any]:  # of Learner, which needs the config, which n
     found = getattr(_loaded(Path(file)), name, None)
     if not isinstance(found, type):
         raise ValueError(f"learner is {word!r}, but {file} has no class {name!r}.")
+    from hac_suite.learning.learner import Learner  # which needs the config, as above
+
+    wanted = sorted({*Learner.__abstractmethods__, "on_gpu"})
+    if missing := [own for own in wanted if not hasattr(found, own)]:
+        raise ValueError(
+            f"learner is {word!r}, but the class lacks {', '.join(missing)}; derive it from "
+            "hac_suite.learning.learner.Learner, or from DDPG."
+        )
     return found
 
 
 def _loaded(file: Path) -> ModuleType:
     if not file.is_file():
         raise ValueError(f"learner is in {str(file)!r}, and there is no such file.")
-    spec = importlib.util.spec_from_file_location(file.stem, file)
+    # A name that no other module has, so that two files may be called alike.
+    name = f"{file.stem}_{zlib.crc32(str(file.resolve()).encode()):08x}"
+    spec = importlib.util.spec_from_file_location(name, file.resolve())
     assert spec and spec.loader
     module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
+    sys.modules[name] = module  # as for an import: dataclasses look for their module there
+    try:
+        spec.loader.exec_module(module)
+    except BaseException:
+        del sys.modules[name]
+        raise
     return module

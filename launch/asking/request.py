@@ -17,6 +17,7 @@ from analysis import program
 from hac_suite.learning import learners
 from hac_suite.learning.learner import Learner
 from launch.asking import lists, settings
+from tasks import finding
 
 CONFIGS = Path(__file__).parents[1] / "configs"
 DEFAULT_CONFIG = CONFIGS / "suite.py"
@@ -253,7 +254,10 @@ def _learner(word: str) -> type[Learner]:
     try:
         return learners.find(word)
     except (Exception, SystemExit) as error:  # a file of one's own is code: it can do anything
-        raise program.CommandError(_of_config(error)) from error
+        file = word.rpartition(":")[0]
+        line = finding.line_in(str(Path(file).resolve()), error)
+        where = f" ({file}, line {line})" if line else ""
+        raise program.CommandError(f"{_of_config(error)}{where}") from error
 
 
 def _device(word: str, on_gpu: bool) -> str:

@@ -9,7 +9,7 @@ import os
 import platform
 import subprocess
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -100,16 +100,24 @@ def joined(published: Manifest, piece: Manifest) -> Manifest:
 
 
 def portable(manifest: Manifest) -> Manifest:
-    """The manifest without the folders of the machine: the --out of each command, if absolute."""
+    """The manifest without the folders of the machine: those of --out, and of a learner's file."""
     launches = [_portable(launch) for launch in manifest["earlier_launches"]]
-    return {**_portable(manifest), "earlier_launches": launches}
+    config = manifest["config"]
+    if "learner" in config:
+        config = without_folders(config)
+    return {**_portable(manifest), "config": config, "earlier_launches": launches}
 
 
 def _portable(launch: dict[str, Any]) -> dict[str, Any]:
     command = launch.get("command")
     if not isinstance(command, list):  # somebody edited it
         return launch
-    return {**launch, "command": [word for word in command if not str(word).startswith("--out=/")]}
+    kept, folder = [], False
+    for word in map(str, command):
+        if not folder and not word.startswith("--out=/"):
+            kept.append(word)
+        folder = word == "--out"
+    return {**launch, "command": [word for word in kept if word != "--out"]}
 
 
 def _as_record(job: Job) -> dict[str, Any]:
@@ -226,7 +234,7 @@ def check_same_task(path: Path, task: Any) -> None:
 
 
 def _pairs(manifest: Manifest, wanted: Manifest) -> list[tuple[str, Any, Any]]:
-    old, new = completed(manifest["config"]), completed(wanted["config"])
+    old, new = (without_folders(completed(own["config"])) for own in (manifest, wanted))
     pairs = [(name, old.get(name), new.get(name)) for name in sorted({*old, *new})]
     pairs += [
         (f"horizons with {layers} subgoal layer(s)", manifest["horizons"][layers], attempts)
@@ -235,6 +243,9 @@ def _pairs(manifest: Manifest, wanted: Manifest) -> list[tuple[str, Any, Any]]:
     ]
     # Where the task is one of the suite's, the commit says which it was.
     origins = [found.get("task_file") for found in (manifest, wanted)]
+    then, now = (found.get("learner_file") for found in (manifest, wanted))
+    if then and now:  # earlier versions did not write it
+        pairs.append(("the learner's file", then, now))
     return [
         *pairs,
         *_origin_pairs(*origins),
@@ -249,13 +260,17 @@ def _origin_pairs(old: Any, new: Any) -> list[tuple[str, Any, Any]]:
         (f"{name} (estimated)", spaces[0].get(name), spaces[1].get(name))
         for name in sorted({*spaces[0], *spaces[1]})
     ]
-    return [*pairs, ("task_file", *map(_origin, (old, new)))]
+    drop = {"settings"}
+    for name in ("of", "source", "model"):  # which earlier versions did not write
+        if not all(isinstance(own, dict) and name in own for own in (old, new)):
+            drop.add(name)
+    return [*pairs, ("task_file", *(_origin(own, drop) for own in (old, new)))]
 
 
-def _origin(own: Any) -> Any:
+def _origin(own: Any, drop: Collection[str]) -> Any:
     if not own:
         return own
-    here = {key: value for key, value in own.items() if key != "settings"}
+    here = {key: value for key, value in own.items() if key not in drop}
     # Earlier versions wrote the file's whole path.
     return {**here, "task": Path(own["task"]).name} if "sha256" in own else here
 
@@ -263,17 +278,44 @@ def _origin(own: Any) -> Any:
 def task_file(task: Any) -> dict[str, Any] | None:
     """Where a task of one's own is from (what `tasks.find` gave); None for the suite's.
 
-    That is its file's name and what the file holds; or a Gymnasium environment, its package and its
-    spaces.
+    That is its file's name and what the file and its model hold; or a Gymnasium environment, its
+    package and its spaces. A file of settings has the same of the task that they are for, as `of`.
     """
-    if origin := getattr(task, "origin", None):
+    word, origin = task.word, getattr(task, "origin", None)
+    if word.endswith(".toml"):
+        composer = getattr(task, "composer", None)
+        of = origin if composer is None else task_file(composer)
+        return {"task": Path(word).name, "sha256": _digest(word), **({"of": of} if of else {})}
+    if origin:
         return origin
-    word = task.word
-    path = word if word.endswith(".toml") else word.rpartition(":")[0]
+    path = word.rpartition(":")[0]
     if not path:
         return None
-    digest = hashlib.sha256(Path(path).read_bytes()).hexdigest()[:16]
-    return {"task": Path(word).name, "sha256": digest}
+    return {"task": Path(word).name, "sha256": _digest(path), **_model(task)}
+
+
+def _model(task: Any) -> dict[str, str]:
+    """A digest of the task's model with all files that it is made of; nothing if it is broken."""
+    try:
+        xml = task.factory().root_entity.mjcf_model.to_xml_string()
+    except Exception:  # a file of one's own can raise anything, and is refused elsewhere
+        return {}
+    return {"model": hashlib.sha256(xml.encode()).hexdigest()[:16]}
+
+
+def learner_file(word: str) -> str | None:
+    """What the file of a learner of one's own holds, as a digest; None for the suite's."""
+    path = word.rpartition(":")[0]
+    return _digest(path) if path else None
+
+
+def without_folders(config: Mapping[str, Any]) -> dict[str, Any]:
+    """A config whose learner is the same from whatever folder its file is named."""
+    return {**config, "learner": Path(str(config["learner"])).name}
+
+
+def _digest(path: str) -> str:
+    return hashlib.sha256(Path(path).read_bytes()).hexdigest()[:16]
 
 
 def now() -> str:

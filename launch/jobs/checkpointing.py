@@ -61,7 +61,7 @@ class Setup(NamedTuple):
             "subgoal_layers": self.agent.subgoal_layers,
             "seed": seed,
             "horizons": list(self.horizons),
-            "config": settings.as_json(self.config),
+            "config": manifest.without_folders(settings.as_json(self.config)),
             "versions": manifest.versions(),
         }
 
@@ -157,7 +157,7 @@ def _check(file: Path, found: checkpoint.Checkpoint, own: Mapping[str, Any]) -> 
     """Versions that differ; whatever else differs is refused."""
     there = dict(found.about)
     if isinstance(there.get("config"), dict):
-        there["config"] = completed(there["config"])
+        there["config"] = manifest.without_folders(completed(there["config"]))
     differences = [
         f"{name} is {there.get(name)!r} there and {own[name]!r} here"
         for name in own

@@ -74,7 +74,7 @@ class Cluster:
         options: dict[str, Any] = {
             "logging_level": logging.ERROR,
             "log_to_driver": False,
-            "runtime_env": {"env_vars": {**environment, "PYTHONPATH": str(_ROOT)}},
+            "runtime_env": {"env_vars": {**environment, "PYTHONPATH": _search_path()}},
         }
         if self._address is None:
             self.workers = self.workers or manifest.cores()
@@ -153,6 +153,12 @@ def _after_loss(
         return Failed(f"lost with its machine, and its checkpoints cannot be used: {error}")
     waiting.insert(0, (job, now))
     return WorkerLost(f"{lost.reason}; resumes elsewhere from episode {now.start}")
+
+
+def _search_path() -> str:
+    """Where workers look for modules: here first, and where the launch looks."""
+    own = os.environ.get("PYTHONPATH", "").split(os.pathsep)
+    return os.pathsep.join([str(_ROOT), *(str(Path(part).resolve()) for part in own if part)])
 
 
 def _knock(address: str) -> None:

@@ -15,6 +15,7 @@ import tasks
 from analysis.reading.files import replacing
 from hac_suite import policy_files
 from launch.asking import settings
+from launch.folder import manifest
 from launch.folder.agents import Job
 from launch.folder.layout import RunFolder
 from launch.jobs import checkpointing
@@ -120,7 +121,7 @@ def _save(
             "period": int(row["period"]),
             "train_episodes": int(row["train_episodes"]),
             "success_rate": float(row["success_rate"]),
-            "config": settings.as_json(plan.config),
+            "config": manifest.without_folders(settings.as_json(plan.config)),
         }
         save_policy(policy, path(seed), metadata)
 

@@ -1,11 +1,14 @@
 """The word `gym:ID` or `gym:module:ID`, with all that other processes need to make the task."""
 
 import functools
+import hashlib
 import importlib.metadata
+import inspect
 import json
 import re
 import zlib
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 from tasks import registry
@@ -74,7 +77,8 @@ def with_settings(word: str, own: settings.Settings, *, name: str, source: str) 
     """The environment of a word with settings of a file; `name` and `source` are the file's."""
     plain, options, _ = _parsed(word)
     world = _world(plain, options)
-    return fitted.of_world(world, own, name=name, word=source)
+    origin = _origin(world, plain, options)
+    return fitted.of_world(world, own, name=name, word=source, origin=origin)
 
 
 def unfitted(word: str) -> fitted.Unfitted:
@@ -116,13 +120,18 @@ def _named(
     *,
     word: str,
 ) -> registry.Entry:
-    origin = {
-        "task": compose(plain, options),
-        "package": _package(world),
-        "settings": entry.settings.as_json(),
-    }
+    origin = {**_origin(world, plain, options), "settings": entry.settings.as_json()}
     own = {"name": _name(plain, options), "word": word, "origin": origin}
     return fitted.FittedEntry(**{**_fields(entry), **own, "notes": (*entry.notes, _ESTIMATED)})
+
+
+def _origin(world: World, plain: str, options: Mapping[str, Any]) -> dict[str, Any]:
+    """What a run folder's manifest compares: the word, the package, and its source without one."""
+    package, source = _package(world), inspect.getsourcefile(type(world.pool.env.unwrapped))
+    found = {"task": compose(plain, options), "package": package}
+    if " " not in package and source:  # no version that says what it holds
+        found["source"] = hashlib.sha256(Path(source).read_bytes()).hexdigest()[:16]
+    return found
 
 
 def _fields(entry: fitted.FittedEntry) -> dict[str, Any]:

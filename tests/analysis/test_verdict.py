@@ -1,5 +1,6 @@
 """Whether hierarchy helps: made-up results whose answer is known, and what cannot be compared."""
 
+import json
 import re
 
 import numpy as np
@@ -204,6 +205,18 @@ def test_what_cannot_be_compared_is_said_in_a_line(make_run, capsys, tmp_path):
     assert verdict.main(["", str(tmp_path / "deep"), f"--flat={other}"]) == 2
     assert "holds results of ur5_reacher, not of" in capsys.readouterr().err
     assert verdict.main(["", str(tmp_path / "none")]) == 2
+
+
+def test_a_results_file_is_as_good_as_its_folder(make_run, tmp_path):
+    folder = make_run({0: like(SLOW), 1: like(FAST)})
+    described = json.dumps({"config": {"updates_per_episode": 20, "upper_updates_per_episode": 5}})
+    (folder / "manifest.json").write_text(described)
+    by_folder, by_file = verdict.judge(folder, []), verdict.judge(folder / "results.csv", [])
+    assert hierarchy.rows(by_folder) == hierarchy.rows(by_file)
+    (folder / "manifest.json").write_text('{"config": null}')
+    assert verdict._name(folder) == str(folder)
+    with pytest.raises(ValueError, match="holds no agent without subgoal layers"):
+        verdict.judge(folder.rename(tmp_path / "ours"), [make_run({1: like(FAST)})])
 
 
 @pytest.mark.parametrize(("last", "rising"), [(0.4, True), (0.22, False)])

@@ -97,3 +97,9 @@ def test_choices_of_a_release_are_the_same_from_whichever_preset(runs):
     for request, year in zip(runs.requests, ("release_2018", "release_2020"), strict=True):
         same_work = {"batch_size": 256, "updates_per_episode": 20}
         assert request.config == dataclasses.replace(hac_suite.PRESETS[year], **same_work)
+
+
+def test_a_variant_that_cannot_be_is_answered_before_anything_is_trained(runs, capsys):
+    words = ["", "--variants=paper,release_2020", "--config.learner=td3"]
+    assert ablate.main(words, run=runs) == 2 and not runs.requests
+    assert "variant release_2020: " in capsys.readouterr().err

@@ -110,3 +110,20 @@ def test_a_file_without_the_class_is_answered(tmp_path):
     for name in ("Mine", "Other"):
         with pytest.raises(ValueError, match=f"mine.py has no class '{name}'"):
             learners.find(f"{tmp_path / 'mine.py'}:{name}")
+
+
+def test_a_class_that_is_no_learner_says_what_it_lacks(tmp_path):
+    (tmp_path / "mine.py").write_text("class Mine:\n    def update(self, rows): ...\n")
+    with pytest.raises(ValueError, match=r"the class lacks .*diagnose.*on_gpu.*derive it from"):
+        learners.find(f"{tmp_path / 'mine.py'}:Mine")
+
+
+def test_a_learners_file_may_hold_dataclasses(tmp_path):
+    (tmp_path / "mine.py").write_text(
+        "from __future__ import annotations\n"
+        "import dataclasses\n"
+        "from hac_suite.learning.ddpg import DDPG\n"
+        "@dataclasses.dataclass\nclass Own:\n    rate: float = 1.0\n"
+        "class Mine(DDPG):\n    own = Own()\n"
+    )
+    assert learners.find(f"{tmp_path / 'mine.py'}:Mine").own.rate == 1.0
