@@ -59,7 +59,7 @@ def _flags() -> flags.FlagValues:
 
 
 def _build(values: flags.FlagValues) -> None:
-    docs = None if values.docs is None else Path(values.docs)
+    docs = Path(values.docs) if values.docs else None
     print(build(Path(values.output), Path(values.data), Path(values.policies), docs))
 
 

@@ -107,13 +107,14 @@ def _progress(runs: Sequence[RunState]) -> tuple[str, str, str]:
 
 def _failures(path: Path, state: FolderState) -> list[str]:
     """Why what failed did, and where its worker's last words are."""
+    folder = RunFolder(path.absolute().parent, state.task)
     failed = {(run.subgoal_layers, run.seed) for run in state.runs if run.state == "failed"}
     lines = []
     for job, reason in state.failures:
         own = {(job.agent.subgoal_layers, seed) for seed in job.seeds}
         if own & failed:  # else it has come good since
             named = ", ".join(map(str, job.seeds))
-            file = RunFolder(path.parent, state.task).failure(job)
+            file = path / folder.failure(job).relative_to(folder.path)
             lines.append(f"failed: {job.agent}, seeds {named}: {reason}\n  see {file}")
     return lines
 

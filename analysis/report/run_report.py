@@ -3,6 +3,7 @@
 Run as `python -m analysis.report runs/pick_place`.
 """
 
+import itertools
 import json
 import math
 import shlex
@@ -257,8 +258,21 @@ def _command_for(results: pd.DataFrame) -> str:
     layers = ",".join(str(k) for k in sorted(results["subgoal_layers"].unique()))
     return (
         f"python launch/run.py --task={shlex.quote(results['task'].iloc[0])}"
-        f" --seeds={results['seed'].nunique()} --subgoal_layers={layers}"
+        f" --seeds={_seeds(sorted(results['seed'].unique()))} --subgoal_layers={layers}"
         f" --periods={max(results['period'].max(), 1)}"
+    )
+
+
+def _seeds(seeds: Sequence[int]) -> str:
+    """As --seeds takes them: a count means those from 0 on, and a single other one is a range."""
+    if seeds == list(range(len(seeds))):
+        return str(len(seeds))
+    # In an unbroken range, seeds and their places differ by the same number.
+    found = itertools.groupby(enumerate(seeds), lambda numbered: numbered[1] - numbered[0])
+    ranges = [[seed for _, seed in own] for _, own in found]
+    alone = len(seeds) == 1
+    return ",".join(
+        f"{own[0]}-{own[-1]}" if alone or len(own) > 1 else f"{own[0]}" for own in ranges
     )
 
 

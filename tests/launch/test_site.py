@@ -1,6 +1,7 @@
 """`launch/site.py`: the published results, their replays and the docs as one static folder."""
 
 import shutil
+from pathlib import Path
 
 import pytest
 
@@ -39,6 +40,14 @@ def test_a_report_and_a_replay_for_each_task_and_the_docs(published):
     assert replay in report and (output / TASK / replay).is_file()
     assert list((output / TASK / "policies").glob("*.safetensors"))
     assert not list(published.glob(".*"))  # nothing half made is left
+
+
+@pytest.mark.parametrize(("words", "docs"), [([], None), (["--docs="], None), (["--docs=a"], "a")])
+def test_without_docs_there_is_a_site_as_well(monkeypatch, words, docs):
+    asked = []
+    monkeypatch.setattr(site, "build", lambda *places: asked.append(places))
+    assert site.main(["", *words]) == 0
+    assert [docs and Path(docs)] == [places[3] for places in asked]
 
 
 def test_what_cannot_be_made_is_refused_and_leaves_nothing(published):

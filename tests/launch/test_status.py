@@ -173,6 +173,19 @@ def test_a_checkpoint_is_where_a_stopped_run_goes_on_from(tmp_path, capsys):
     assert "episode 450" in said(path, capsys)[2]
 
 
+def test_within_the_run_folder_a_failure_is_found_as_well(tmp_path, capsys, monkeypatch):
+    path = folder_with(tmp_path, {}, 1)
+    about = json.loads((path / "manifest.json").read_text())
+    about["failures"] = [{"subgoal_layers": 1, "seeds": [0, 1], "reason": "told to"}]
+    (path / "manifest.json").write_text(json.dumps(about))
+    for place, word in ((path, "."), (tmp_path, TASK)):
+        monkeypatch.chdir(place)
+        (file,) = [line.split()[1] for line in said(Path(word), capsys) if "see " in line]
+        job = Job(Agent(TASK, 1), (0, 1))
+        assert Path(file).absolute() == RunFolder(tmp_path, TASK).failure(job)
+        assert not Path(file).is_absolute()
+
+
 def test_what_is_no_run_folder_is_answered_in_one_line(tmp_path, capsys):
     (tmp_path / "empty").mkdir()
     (tmp_path / "other" / TASK).mkdir(parents=True)

@@ -14,6 +14,7 @@ from analysis.reading import grid
 from analysis.report import page
 from analysis.report.__main__ import main
 from analysis.report.run_report import write_report
+from launch.asking import lists
 
 # A mean of nothing, say, where an agent has no row yet.
 pytestmark = pytest.mark.filterwarnings("error::RuntimeWarning")
@@ -109,6 +110,26 @@ def test_lacking_parts_are_said(make_run):
     assert "holds no videos" in text
     assert "No manifest.json here" in text
     assert "--task=pick_place --seeds=3 --subgoal_layers=0,1,2 --periods=1" in text
+
+
+@pytest.mark.parametrize(
+    ("seeds", "word"),
+    [
+        (range(4), "4"),
+        ([0], "1"),
+        (range(100, 104), "100-103"),
+        ([3, 5], "3,5"),
+        ([7], "7-7"),
+        ([0, 1, 2, 8, 20, 21], "0-2,8,20-21"),
+    ],
+)
+def test_the_inferred_command_trains_the_seeds_of_the_results(make_run, make_results, seeds, word):
+    folder = make_run(CURVES)
+    results = make_results({1: [[0.0, 0.5]] * len(seeds)})
+    results["seed"] = results["seed"].map(dict(enumerate(seeds)))
+    results.to_csv(folder / "results.csv", index=False)
+    assert f"--seeds={word} --subgoal_layers=1" in Page(write_report(folder)).text
+    assert lists.seeds(word) == tuple(seeds)
 
 
 def _manifest(*commands: list[str]) -> dict:
