@@ -31,7 +31,7 @@ _HELP = """Renders test episodes of a trained policy into a file, or plays them 
 
 Below the picture of a video or strip is a lane for the end goal and one for each level's subgoals:
 green ones were achieved, red ones missed, grey ones cut short because a level above achieved its
-goal.
+goal or the episode ended.
 
 An .html is one episode in 3-D that you can turn and scrub, in one file that needs no server (extra
 [viewer]). --viewer writes no file: `window` is MuJoCo's own window, `page` that of launch/view.py,
