@@ -1,6 +1,7 @@
 """Estimates spaces for a task: `python launch/fit.py --task=gym:PointMaze_UMaze-v3`."""
 
 import math
+import shlex
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -24,7 +25,7 @@ from analysis import program
 from analysis.program import CommandError
 from analysis.reading.files import write_text
 from hac_suite.types import level_specs
-from launch.asking import lists
+from launch.asking import doubts, lists
 from launch.asking.console import Console
 from tasks.worlds import estimates, seen
 from tasks.worlds.copies import EnvFailed
@@ -90,6 +91,8 @@ def _fit(values: flags.FlagValues) -> int:
         task = tasks.unfitted(lists.task_word(values))
     except ValueError as error:
         raise CommandError(str(error)) from error
+    if task.own is not None and task.name not in tasks.ALL:
+        doubts.refuse_fault(tasks.find(task.word), task.name)
     output = Path(values.output or f"{task.name}_fit.toml")
     if output.suffix != ".toml" or output.stem in tasks.ALL:
         raise CommandError(
@@ -110,7 +113,8 @@ def _fit(values: flags.FlagValues) -> int:
     write_text(output, as_toml(found.settings, task.word, str(output), names, judged=judged))
     show(task, found, console)
     console.say(
-        f"\n{output}: edit what you know better, then\n  python launch/run.py --task={output}"
+        f"\n{output}: edit what you know better, then\n"
+        f"  python launch/run.py --task={shlex.quote(str(output))}"
     )
     return 0
 

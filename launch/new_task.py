@@ -1,5 +1,7 @@
 """Writes a task for a model: `python launch/new_task.py NAME MODEL.xml`."""
 
+import ast
+import keyword
 import re
 import sys
 from collections.abc import Sequence
@@ -47,6 +49,14 @@ def main(argv: Sequence[str]) -> int:
     return program.carry_out(own, argv, lambda words: _new(words, values))
 
 
+def _names_of(code: str) -> set[str]:
+    """The names that a task file uses, but for those that it defines."""
+    nodes = list(ast.walk(ast.parse(code)))
+    imported = {own.asname or own.name for node in nodes for own in getattr(node, "names", ())
+                if isinstance(own, ast.alias)}  # fmt: skip
+    return imported | {node.id for node in nodes if isinstance(node, ast.Name)}
+
+
 def _new(words: list[str], values: flags.FlagValues) -> int:
     if len(words) != 2:
         raise CommandError("give a name and a model, as in arm_reach path/to/arm.xml")
@@ -56,6 +66,8 @@ def _new(words: list[str], values: flags.FlagValues) -> int:
         raise CommandError(
             f"{name!r}: a task's name has lower-case letters, digits and _, such as {fit!r}"
         )
+    if keyword.iskeyword(name):
+        raise CommandError(f"{name!r} is a word of Python; choose another name")
     if name in tasks.ALL:
         raise CommandError(f"{name!r} is a task of the suite; choose another name")
     if not model.is_file():
@@ -68,6 +80,8 @@ def _new(words: list[str], values: flags.FlagValues) -> int:
         begun = begin(name, model, values.point)
     except ValueError as error:
         raise CommandError(str(error)) from error
+    if name in _names_of(begun.code):
+        raise CommandError(f"{name!r} is a name that the file itself uses; choose another")
     for target, text in zip(targets, (begun.code, begun.xml), strict=True):
         write_text(target, text)
     for note in begun.notes:

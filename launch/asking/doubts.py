@@ -1,6 +1,7 @@
 """What speaks against a request, before anything is made: tasks that cannot be trained on, T."""
 
 import math
+import shlex
 from collections.abc import Iterator
 
 import hac_suite
@@ -8,6 +9,7 @@ import tasks
 from analysis.program import CommandError
 from analysis.reading import paper
 from launch.asking.request import Request
+from tasks import registry
 from tasks.authoring import check
 
 
@@ -19,11 +21,17 @@ def refuse_faults(request: Request) -> None:
     """
     for entry in map(tasks.find, request.tasks):
         own = getattr(entry, "composer", entry)  # None: a Gymnasium environment, checked when made
-        if own is not None and own.name not in tasks.ALL and (found := check.fault(own)):
-            raise CommandError(
-                f"{entry.name}: {found.text}; {found.remedy} with "
-                f"`python launch/check_task.py {own.word}`"
-            )
+        if own is not None and own.name not in tasks.ALL:
+            refuse_fault(own, entry.name)
+
+
+def refuse_fault(entry: registry.Entry, name: str) -> None:
+    """The same of one dm_control task, which is called `name`."""
+    if found := check.fault(entry):
+        word = shlex.quote(entry.word)
+        raise CommandError(
+            f"{name}: {found.text}; {found.remedy} with `python launch/check_task.py {word}`"
+        )
 
 
 def notes(request: Request) -> Iterator[str]:

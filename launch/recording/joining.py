@@ -32,7 +32,11 @@ def join_results(published: Path, folder: RunFolder) -> set[Run]:
     """
     here = manifest.read(published / names.MANIFEST)
     own = manifest.read(folder.manifest)
-    assert here is not None and own is not None, "both have results"
+    if here is None or own is None:
+        raise CommandError(
+            f"{published if here is None else folder.path}: has no {names.MANIFEST}, so nothing "
+            "can be added to it; publish all of it again without --add"
+        )
     manifest.check_same(published / names.MANIFEST, here, own)
     rows = results.read(folder.results)[0]
     runs = {_run(row) for row in rows}

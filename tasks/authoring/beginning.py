@@ -43,7 +43,8 @@ def begin(name: str, model: Path, point: str | None = None) -> Begun:
     found = look(compiled, str(model), point)
     _complete(spec, compiled, found)
     notes: list[str] = []
-    if compiled.nmesh or compiled.ntex:  # the copy lies elsewhere than their files
+    # The copy lies elsewhere than their files.
+    if compiled.nmesh or compiled.ntex or compiled.nhfield or compiled.nskin:
         spec.meshdir, spec.texturedir = (
             str((model.parent / folder).resolve()) for folder in (spec.meshdir, spec.texturedir)
         )

@@ -2,6 +2,7 @@
 
 import dataclasses
 import re
+import shlex
 import tomllib
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -191,7 +192,7 @@ def _space(
 _TOML = """\
 # Spaces for {task}
 # Estimated by launch/fit.py; edit what you know better, then train:
-#   python launch/run.py --task={file}
+#   python launch/run.py --task={quoted}
 task = {word}
 max_steps = {max_steps}  # control steps after which an episode is cut off
 
@@ -236,7 +237,7 @@ def as_toml(
     return _TOML.format(
         task=task.partition("?")[0],
         word=_toml_string(task),
-        file=file,
+        quoted=shlex.quote(file),
         max_steps=settings.max_steps,
         threshold_note=_JUDGED if judged else _BY_THRESHOLD,
         goal_names=", ".join(names[0]),

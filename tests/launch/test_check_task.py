@@ -9,7 +9,7 @@ import pytest
 
 import hac_suite
 import tasks
-from launch import check_task, new_task, run
+from launch import check_task, fit, new_task, run
 from tasks.authoring import check
 
 ARM = """
@@ -107,6 +107,8 @@ def test_a_task_that_cannot_be_trained_on_is_refused_before_anything_is_made(
         assert run.main([*words, f"--task={other.name}:arm"]) == 2
         printed = capsys.readouterr().err
         assert said in printed and f"launch/check_task.py {other}:arm" in printed
+        assert fit.main(["fit", f"--task={other.name}:arm"]) == 2
+        assert said in capsys.readouterr().err and not Path(f"{other.stem}-arm_fit.toml").exists()
     assert not Path("runs").exists()
 
 
@@ -229,6 +231,9 @@ def test_the_program_draws_a_picture_and_its_exit_status_tells(arm, capsys):
     [
         (ARM, ["Arm", "model.xml"], "lower-case letters"),
         (ARM, ["pick_place", "model.xml"], "a task of the suite"),
+        (ARM, ["class", "model.xml"], "a word of Python"),
+        (ARM, ["np", "model.xml"], "a name that the file itself uses"),
+        (ARM, ["markers", "model.xml"], "a name that the file itself uses"),
             (ARM, ["my-Arm", "model.xml"], "such as 'my_arm'"),
         (ARM, ["arm", "none.xml"], "there is no model"),
         (ARM, ["arm"], "a name and a model"),
@@ -247,6 +252,20 @@ def test_a_model_that_is_none_to_begin_from_is_refused(
     assert new_task.main(["new_task", *words]) == 2
     assert said in capsys.readouterr().err
     assert [path.name for path in tmp_path.iterdir()] == ["model.xml"]
+
+
+def test_a_height_field_is_found_from_another_folder(tmp_path, monkeypatch):
+    (tmp_path / "there").mkdir()
+    with (tmp_path / "there" / "hills.bin").open("wb") as hills:
+        np.array([2, 2], np.int32).tofile(hills)
+        np.array([0, 1, 1, 0], np.float32).tofile(hills)
+    field = '<asset><hfield name="hills" file="hills.bin" size="1 1 .1 .1"/></asset><worldbody>'
+    ground = '<geom type="hfield" hfield="hills" pos="0 0 -1"/>'
+    model = ARM.replace("<worldbody>", field + ground, 1)
+    (tmp_path / "there" / "model.xml").write_text(model)
+    monkeypatch.chdir(tmp_path)
+    assert new_task.main(["new_task", "arm", "there/model.xml", "--point=tip"]) == 0
+    assert tasks.load("arm.py:arm").reset().first()
 
 
 def test_files_are_not_written_over_unasked(arm, capsys):
