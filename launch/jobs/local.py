@@ -52,6 +52,10 @@ class StopSignal:
 
 
 _STOPPING_TEXT = b"\nstopping: unfinished runs are saved; once more quits at once\n"
+_UNSAVED = (
+    "its worker did not stop within {seconds:.0f} s, in a long round or test period; "
+    "what it did since its last checkpoint is lost"
+)
 _STOPPING = (signal.SIGINT, signal.SIGTERM)
 
 
@@ -96,6 +100,8 @@ def execute(
             for message in _last_messages(worker):
                 if isinstance(message, Warned):
                     hooks.on_message(worker.job, message)
+            if worker.process.is_alive():
+                hooks.on_message(worker.job, Warned(_UNSAVED.format(seconds=GRACE_SECONDS)))
             _end(worker.process, 0.0)
 
 
