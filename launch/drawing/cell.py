@@ -3,7 +3,7 @@
 from typing import Protocol
 
 import numpy as np
-from PIL import Image, ImageDraw
+from PIL import Image, ImageDraw, ImageOps
 
 import hac_suite
 from launch.drawing import ink
@@ -23,7 +23,7 @@ class Bodies(Protocol):
 
 
 class Album:
-    """Pictures that an environment without a MuJoCo simulation made of itself."""
+    """Pictures that an environment made of itself."""
 
     def __init__(self, course: Course, size: tuple[int, int]):
         self._photos, self._size = course.photos, size
@@ -32,7 +32,7 @@ class Album:
         """The latest one at a moment in steps, on black."""
         latest = max(step for step in self._photos if step <= max(moment, 0))
         photo = Image.fromarray(self._photos[latest])
-        photo.thumbnail(self._size, Image.Resampling.BILINEAR)
+        photo = ImageOps.contain(photo, self._size, Image.Resampling.BILINEAR)
         page = Image.new("RGB", self._size)
         left, top = (self._size[0] - photo.width) // 2, (self._size[1] - photo.height) // 2
         page.paste(photo, (left, top))
@@ -59,10 +59,20 @@ class Cell:
     """Makes the pictures of an episode, as a view shows them."""
 
     def __init__(self, course: Course, view: View, steps_a_second: float, unit: float):
-        """`steps_a_second` of the film; `unit` is that of lengths, in pixels."""
+        """An environment's own frames come first, unless a camera was asked for.
+
+        Args:
+          steps_a_second: of the film.
+          unit: of lengths, in pixels.
+        """
         self._course, self._unit = course, unit
-        self._bodies: Bodies = Album(course, view.size) if course.photos else Lens(course, view)
-        self._markers = Markers(course, view, steps_a_second, unit)
+        self._bodies: Bodies
+        self._markers: Markers | None = None
+        if course.photos and view.camera is None:
+            self._bodies = Album(course, view.size)  # nobody knows where in them a marker is
+        else:
+            self._bodies = Lens(course, view)
+            self._markers = Markers(course, view, steps_a_second, unit)
         self._last: tuple[float, Image.Image] | None = None
 
     def picture(self, moment: float, *, ended: bool = False) -> Image.Image:
@@ -74,7 +84,8 @@ class Cell:
         moment = min(moment, self._course.steps)
         if self._last is None or self._last[0] != moment:
             picture = Image.fromarray(self._bodies.picture(moment))
-            self._markers.draw(picture, moment)
+            if self._markers:
+                self._markers.draw(picture, moment)
             self._last = moment, picture
         picture = self._last[1].copy()
         if ended or moment == self._course.steps:

@@ -13,9 +13,11 @@ from launch.drawing.view import View, placed
 from launch.pictures.course import Course
 from launch.pictures.stage import STATE, Poses
 
-_UNSEEN_GROUP = 5  # of geoms
-_ROOM = 8  # pixels around bodies, for what their shapes do not say, such as sites
+_UNSEEN_GROUP = 5  # of geoms and sites
+_SEEN_GROUPS = 3  # those before it are seen
+_ROOM = 8  # pixels around bodies, for what rounding leaves out
 _MOST_GEOMS = 10_000  # that a scene can hold
+_CORNERS = np.array(list(itertools.product((-1, 1), repeat=3)))  # of a cube
 
 
 class Lens:
@@ -34,6 +36,9 @@ class Lens:
         model.vis.global_.offwidth, model.vis.global_.offheight = view.size
         markers = [*stage.goal, *itertools.chain(*stage.subgoals)]
         model.geom_group[np.isin(model.geom_bodyid, markers)] = _UNSEEN_GROUP
+        model.site_group[np.isin(model.site_bodyid, markers)] = _UNSEEN_GROUP
+        seen = (model.site_bodyid > 0) & (model.site_group < _SEEN_GROUPS)
+        self._sites = np.flatnonzero(seen & (model.site_rgba[:, 3] > 0))
         self._shapes = [shape for shape in stage.shapes if shape.body not in (0, *markers)]
         self._camera = mujoco.MjvCamera()
         self._camera.lookat = view.position + view.axes[2]  # `_aim` has the last word
@@ -55,11 +60,12 @@ class Lens:
         return picture
 
     def _without_bodies(self) -> np.ndarray:
-        groups = self._model.geom_group.copy()
+        model, groups = self._model, self._model.site_group.copy()
         self._place(0)
-        self._model.geom_group[self._model.geom_bodyid > 0] = _UNSEEN_GROUP
-        picture = self._render(0, 0, *self._view.size)
-        self._model.geom_group[:] = groups
+        # MuJoCo takes sites of mocap bodies for static.
+        model.site_group[model.body_weldid[model.site_bodyid] > 0] = _UNSEEN_GROUP
+        picture = self._render(0, 0, *self._view.size, mujoco.mjtCatBit.mjCAT_STATIC)
+        model.site_group[:] = groups
         return picture
 
     def _where(self) -> tuple[int, int, int, int]:
@@ -70,17 +76,26 @@ class Lens:
             return 0, 0, width, height
         poses = Poses(self._data.xpos, self._data.xquat, np.ones(model.nbody, bool))
         corners = [placed(shape.vertices, poses, shape.body) for shape in self._shapes]
+        for site in self._sites:
+            reach = np.linalg.norm(model.site_size[site])  # of its farthest corner, however turned
+            corners.append(self._data.site_xpos[site] + reach * _CORNERS)
         pixels = self._view.pixels(np.concatenate(corners))
         low = np.clip(np.floor(pixels.min(0)) - _ROOM, 0, self._view.size).astype(int)
         high = np.clip(np.ceil(pixels.max(0)) + _ROOM, 0, self._view.size).astype(int)
         return int(low[0]), int(low[1]), int(high[0]), int(high[1])
 
-    def _render(self, left: int, top: int, right: int, bottom: int) -> np.ndarray:
-        """A part of the picture, uint8 [bottom - top, right - left, 3]."""
+    def _render(
+        self,
+        left: int,
+        top: int,
+        right: int,
+        bottom: int,
+        what: mujoco.mjtCatBit = mujoco.mjtCatBit.mjCAT_ALL,
+    ) -> np.ndarray:
+        """A part of the picture, uint8 [bottom - top, right - left, 3]; `what` to have in it."""
         self._gl.make_current()
-        every = mujoco.mjtCatBit.mjCAT_ALL
         mujoco.mjv_updateScene(
-            self._model, self._data, mujoco.MjvOption(), None, self._camera, every, self._scene
+            self._model, self._data, mujoco.MjvOption(), None, self._camera, what, self._scene
         )
         bounds = self._view.bounds_of(left, top, right, bottom)
         for camera in self._scene.camera:

@@ -7,7 +7,7 @@ import numpy as np
 
 from analysis.program import CommandError, unknown
 from launch.pictures.course import Course
-from launch.pictures.stage import Poses, Stage
+from launch.pictures.stage import Poses, Stage, still_camera
 
 _MARGIN = 0.12  # of the picture, on every side of what is to be seen
 _SAMPLES = 24  # moments at which it is looked what is to be seen
@@ -18,16 +18,20 @@ class View:
     """A camera's place and what part of its sight the picture shows.
 
     Attributes:
+      camera: its name, if a person asked for it.
       bounds: [2, 2] the least and the most of x / z and y / z that are shown.
     """
 
     def __init__(self, stage: Stage, camera: str | None, size: tuple[int, int]):
         """Shows what the camera itself shows; size is width, height in pixels.
 
+        Args:
+          camera: its name; None is the first that stands still, or else a view of everything.
+
         Raises:
           CommandError: the model has no such camera.
         """
-        self.size = size
+        self.camera, self.size = camera, size
         self.position, self.axes, field = _standing(stage, _camera_number(stage, camera))
         half = np.tan(field / 2)
         self.bounds = np.array([[-1, -1], [1, 1]]) * half * [size[0] / size[1], 1]
@@ -49,7 +53,12 @@ class View:
         return self.bounds[0] + shares * (self.bounds[1] - self.bounds[0])
 
     def frame(self, points: np.ndarray) -> None:
-        """Shows all these points [N, 3] as large as the picture allows."""
+        """Shows all these points [N, 3] as large as the picture allows.
+
+        Where some are behind the camera, as one that rides on a robot, it shows what that sees.
+        """
+        if ((points - self.position) @ self.axes[2]).min() < _NEAREST:
+            return
         seen = self.sighted(points)
         low, high = seen.min(0), seen.max(0)
         middle, half = (low + high) / 2, (high - low) / 2 / (1 - 2 * _MARGIN)
@@ -64,7 +73,7 @@ def points_of_interest(course: Course) -> np.ndarray:
         return np.zeros((0, 3))
     moments = np.linspace(0, course.steps, min(_SAMPLES, course.steps + 1)).astype(int)
     found = [corners for step in moments for corners in _corners(course.stage, course.poses[step])]
-    return np.concatenate(found)
+    return np.concatenate(found) if found else np.zeros((0, 3))
 
 
 def _corners(stage: Stage, poses: Poses) -> Iterable[np.ndarray]:
@@ -81,24 +90,22 @@ def placed(points: np.ndarray, poses: Poses, body: int) -> np.ndarray:
 
 
 def _camera_number(stage: Stage, name: str | None) -> int:
-    """-1 is a free camera: the task has none of its own."""
+    """-1 is a free camera: the task has none of its own that stands still."""
     model = stage.model
     names = [model.camera(index).name for index in range(model.ncam)]
     if name is None:
-        return 0 if names else -1
+        return still_camera(model)
     if name not in names:
         raise CommandError(f"flag --camera: {unknown('camera', name, names)}")
     return names.index(name)
 
 
 def _standing(stage: Stage, number: int) -> tuple[np.ndarray, np.ndarray, float]:
-    """A camera's position, its axes [3, 3] right, up and ahead, and its field of view."""
+    """A camera's position at the start, its axes [3, 3] right, up, ahead, and field of view."""
     if number < 0:
         position, towards = stage.camera.position, stage.camera.look_at
         return position, _axes(towards - position), stage.camera.field_of_view
-    model, data = stage.model, mujoco.MjData(stage.model)
-    mujoco.mj_kinematics(model, data)
-    mujoco.mj_camlight(model, data)
+    model, data = stage.model, stage.start
     turn = data.cam_xmat[number].reshape(3, 3).T * [[1], [1], [-1]]
     return data.cam_xpos[number].copy(), turn, float(np.radians(model.cam_fovy[number]))
 

@@ -78,10 +78,11 @@ def _played(request: dict[str, Any]) -> list[Course]:
     """The episodes to show: of one policy, or one of each of several."""
     columns = request["columns"]
     if columns:
-        return [record(hac_suite.Policy.load(path), request["seed"]) for path in request["films"]]
+        shown = map(hac_suite.Policy.load, request["films"])
+        return [record(policy, request["seed"], filmed=True) for policy in shown]
     count = 1 if request["output"].endswith(".png") else request["episodes"]
     choice = choose(request["films"], count)
-    return [record(choice.policy, seed) for seed in choice.episodes]
+    return [record(choice.policy, seed, filmed=True) for seed in choice.episodes]
 
 
 def _write(courses: list[Course], request: dict[str, Any], path: Path, tell: video.Tell) -> None:

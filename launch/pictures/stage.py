@@ -4,6 +4,7 @@ Everything comes from the compiled MuJoCo model and state, so a task in a file o
 as the suite's are. `Watched` is all that is asked of an environment.
 """
 
+import copy
 from collections.abc import Iterator, Sequence
 from typing import Any, NamedTuple, Protocol
 
@@ -24,6 +25,7 @@ STATE = (
 )
 """What of MuJoCo's state says where all bodies are."""
 _FALLBACK_VIEW = np.array([0.9, -1.9, 0.9])  # times the model's extent, from its centre
+_APART = (0.25, 0.75)  # of each dimension's range: two goals whose markers are apart
 
 
 class Watched(VectorEnv, Protocol):
@@ -74,25 +76,25 @@ class Stage:
     Attributes:
       shapes: of all bodies, but for floors.
       floor: height of the floor in metres, None where there is none.
-      goal: the bodies that mark the end goal.
+      goal: the bodies that mark the end goal: those that move when it is moved.
       subgoals: per level that can show its subgoal, the lowest first, the bodies that mark it.
       camera: where to look from.
-      model: compiled, to be read only.
+      model: compiled, as it was at the start; to be read only.
+      start: MuJoCo's state when this was made, with bodies and cameras placed.
     """
 
     def __init__(self, env: Watched):
-        """`env` has begun an episode; its subgoals are hidden here."""
+        """`env` has begun an episode, whose end goal stays; its subgoals are hidden here."""
         self._env = env
-        self.model, data = self._simulation()
+        model, data = self._simulation()
+        self.model = copy.copy(model)  # others' tasks write the next episode's goal into theirs
         self._scratch = mujoco.MjData(self.model)
+        self.start = _placed(self.model, data)
         self.shapes = list(_shapes(self.model))
         self.floor = _floor(self.model)
         self.subgoals = self._marked_by_level()
-        taken = {body for bodies in self.subgoals for body in bodies}
-        seen = self.poses().seen
-        mocap = np.flatnonzero(self.model.body_mocapid >= 0).tolist()
-        self.goal = [body for body in mocap if body not in taken and seen[body]]
-        self.camera = _camera(self.model, data)
+        self.goal = self._marking_the_goal()
+        self.camera = _camera(self.model, self.start)
 
     def _simulation(self) -> tuple[mujoco.MjModel, mujoco.MjData]:
         found = simulation_of(self._env)
@@ -126,6 +128,28 @@ class Stage:
             found.append(shown)
         self._env.show_subgoals(0, [])
         return found
+
+    def _marking_the_goal(self) -> list[int]:
+        """Bodies that move with the end goal; others' may be the handles of robots."""
+        mocap = self.model.body_mocapid >= 0
+        if not (mocap & self.poses().seen).any():
+            return []
+        space, idle = self._env.goal_space, np.zeros(self._env.num_envs, bool)
+        actions = np.zeros((self._env.num_envs, len(self._env.action_low)))
+        goal = self._env.step(actions, idle).desired_goal[0]  # no environment steps
+        low, high = np.asarray(space.low), np.asarray(space.high)
+        try:
+            here, there = (self._poses_at(low + share * (high - low)) for share in _APART)
+        except ValueError:  # it cannot be moved
+            return []
+        self._env.move_goal(0, goal)
+        moved = (here.position != there.position).any(1)
+        moved |= (here.quaternion != there.quaternion).any(1)
+        return np.flatnonzero(mocap & moved).tolist()
+
+    def _poses_at(self, goal: np.ndarray) -> Poses:
+        self._env.move_goal(0, goal)
+        return self.poses()
 
     def poses(self) -> Poses:
         """Where the bodies are now; the state itself is left as it is."""
@@ -266,16 +290,29 @@ def _floor(model: mujoco.MjModel) -> float | None:
     return float(model.geom_pos[planes[0]][2]) if len(planes) else None
 
 
-def _camera(model: mujoco.MjModel, data: mujoco.MjData) -> Camera:
-    """The model's first camera; where it has none, a place from which all of it is in sight."""
-    centre = model.stat.center.copy()
-    if not model.ncam:
+def _placed(model: mujoco.MjModel, data: mujoco.MjData) -> mujoco.MjData:
+    """A copy of a state in which bodies and cameras are where they belong."""
+    placed = mujoco.MjData(model)
+    mujoco.mj_copyData(placed, model, data)
+    mujoco.mj_kinematics(model, placed)
+    mujoco.mj_comPos(model, placed)  # cameras may look at a centre of mass
+    mujoco.mj_camlight(model, placed)
+    return placed
+
+
+def still_camera(model: mujoco.MjModel) -> int:
+    """The number of the first camera that does not move with a body; -1: the model has none."""
+    fixed = model.cam_mode == int(mujoco.mjtCamLight.mjCAMLIGHT_FIXED)
+    still = np.flatnonzero(fixed & (model.body_weldid[model.cam_bodyid] == 0))
+    return int(still[0]) if len(still) else -1
+
+
+def _camera(model: mujoco.MjModel, start: mujoco.MjData) -> Camera:
+    """The model's first still camera; where it has none, a place with all of it in sight."""
+    centre, number = model.stat.center.copy(), still_camera(model)
+    if number < 0:
         return Camera(centre + _FALLBACK_VIEW * model.stat.extent, centre, np.radians(45))
-    scratch = mujoco.MjData(model)
-    mujoco.mj_copyData(scratch, model, data)
-    mujoco.mj_kinematics(model, scratch)
-    mujoco.mj_camlight(model, scratch)
-    position = scratch.cam_xpos[0].copy()
-    ahead = -scratch.cam_xmat[0].reshape(3, 3)[:, 2]
+    position = start.cam_xpos[number].copy()
+    ahead = -start.cam_xmat[number].reshape(3, 3)[:, 2]
     distance = max(float((centre - position) @ ahead), 0.5)
-    return Camera(position, position + distance * ahead, float(np.radians(model.cam_fovy[0])))
+    return Camera(position, position + distance * ahead, float(np.radians(model.cam_fovy[number])))
