@@ -34,6 +34,13 @@ def fail_by_name(job: Job, send) -> None:
         time.sleep(600)
 
 
+def deaf_to_signals(job: Job, send) -> None:
+    """Like a worker in a long test period."""
+    signal.signal(signal.SIGTERM, signal.SIG_IGN)
+    send("training")
+    time.sleep(30)
+
+
 def row(job: Job, seed: int, period: int) -> dict:
     """A row of results with all columns that training gives it."""
     levels = range(job.agent.subgoal_layers + 1)

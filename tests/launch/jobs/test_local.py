@@ -13,6 +13,7 @@ from pathlib import Path
 import pytest
 
 from launch.folder.agents import Agent, Job
+from launch.jobs import local
 from launch.jobs.local import StopSignal, execute
 from launch.jobs.messages import Failed, Finished, Hooks, Started, Warned
 from tests.launch import fake_jobs
@@ -103,6 +104,22 @@ def test_what_workers_warn_of_while_they_are_ended_is_heard(tmp_path, forked):
         )
     assert heard[:2] == [Started(), "training"] and heard[-1] == Warned("could not save")
     assert len(heard) == 2 + 2000 + 1  # warnings alone
+
+
+def test_a_worker_that_does_not_stop_in_time_is_ended_with_a_warning(tmp_path, forked, monkeypatch):
+    monkeypatch.setattr(local, "GRACE_SECONDS", 0.5)
+    heard = []
+
+    def hear(job, message) -> None:
+        heard.append(message)
+        if message == "training":
+            os.kill(os.getpid(), signal.SIGTERM)
+
+    with StopSignal() as stop:
+        hooks = Hooks(lambda job: tmp_path / "log", hear)
+        jobs = [Job(Agent("deaf", 0), (0,))]
+        execute(jobs, fake_jobs.deaf_to_signals, hooks, workers=1, stop=stop)
+    assert isinstance(heard[-1], Warned) and "since its last checkpoint is lost" in heard[-1].text
 
 
 @pytest.mark.slow
