@@ -1,5 +1,7 @@
 """Estimates the memory and disk that a training needs, and compares them with the machine's."""
 
+import dataclasses
+import functools
 import heapq
 import itertools
 import os
@@ -8,14 +10,20 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
+import numpy as np
+import torch
+
 import hac_suite
 from analysis.program import CommandError
-from hac_suite.types import Spaces, level_specs
+from hac_suite.learning import learners
+from hac_suite.types import LevelSpec, Spaces, level_specs
 from launch.folder.agents import Job
 from launch.folder.layout import RunFolder
+from tasks.goal_space import GoalSpace
 
 PROCESS = 400_000_000  # bytes that a worker takes whatever it trains: Python, torch, MuJoCo
-_TABLES = 9  # of a level's size: two networks, their targets and moments, the tested actor
+_TABLES = 13  # what TD3 has; where a learner cannot say how many it has
+_WIDTH = 64  # of the layers of a learner that is made to count its tables
 _NUMBER = 4  # bytes
 _NO_MEMORY = (
     "{who}: one seed needs {need} of memory, and this machine has {total}; make "
@@ -66,13 +74,42 @@ def of_seed(
     step would give it were each an attempt.
     """
     most = episodes * max_steps * (2 + config.hindsight_goals)
-    rows, size = min(config.replay_capacity, most), 0
+    rows, size, count = min(config.replay_capacity, most), 0, tables(config)
     for level in level_specs(spaces, horizons):
-        block = level.action_dim + level.observation_dim + level.goal_space.dim + 1
-        layers = itertools.pairwise((block, *config.hidden_sizes, level.action_dim))
-        networks = _TABLES * sum((inputs + 1) * outputs for inputs, outputs in layers)
-        size += _NUMBER * (rows * 2 * (block + 1) + networks)
+        networks = count * _network(level, config)
+        size += _NUMBER * (rows * 2 * (_block(level) + 1) + networks)
     return size
+
+
+@functools.cache
+def tables(config: hac_suite.Config) -> int:
+    """How many tables of a network's size the learner keeps for each seed and level.
+
+    They are networks, their targets, averages and Adam's moments. They are counted in a learner of
+    narrow layers, since one of the real width may not fit into memory.
+    """
+    four = np.ones(4)
+    space = GoalSpace(tuple("abcd"), ("",) * 4, -four, four, four)
+    level = LevelSpec(np.ones(8), space, action_dim=4, attempts=10)
+    narrow = dataclasses.replace(config, hidden_sizes=(_WIDTH,) * len(config.hidden_sizes))
+    try:
+        learner = learners.find(config.learner)(level, narrow, [torch.Generator()])
+        found = [tensor.numel() for tensor in learner.tensors(0).values()]
+    except Exception:  # a learner of one's own: the training will say what is wrong with it
+        return _TABLES
+    network = _network(level, narrow)
+    return sum(max(1, round(numbers / network)) for numbers in found if numbers > 1)
+
+
+def _block(level: LevelSpec) -> int:
+    """Numbers of an observation, a goal and an action, with the bias."""
+    return level.action_dim + level.observation_dim + level.goal_space.dim + 1
+
+
+def _network(level: LevelSpec, config: hac_suite.Config) -> int:
+    """Numbers of a network, at most: with the critic's inputs and the actor's outputs."""
+    layers = itertools.pairwise((_block(level), *config.hidden_sizes, level.action_dim))
+    return sum((inputs + 1) * outputs for inputs, outputs in layers)
 
 
 def of_jobs(

@@ -10,7 +10,9 @@ import hac_suite
 import tasks
 from hac_suite import checkpoint
 from hac_suite.config import SUITE, horizons
+from hac_suite.learning import learners
 from hac_suite.training.loop import Training
+from hac_suite.types import level_specs
 from launch.folder import needs
 from launch.folder.agents import Agent, Job
 from launch.folder.layout import RunFolder
@@ -40,6 +42,24 @@ def test_a_checkpoint_is_about_as_large_as_reckoned(tmp_path, layers):
     (file,) = tmp_path.glob("*.safetensors")
     reckoned = needs.of_seed(env, attempts, config, max_steps=20, episodes=200)
     assert 0.7 < file.stat().st_size / reckoned < 1.1
+
+
+@pytest.mark.parametrize(("learner", "count"), [("ddpg", 9), ("td3", 13)])
+def test_what_each_learner_keeps_is_counted(learner, count):
+    config = hac_suite.Config(learner=learner, hidden_sizes=(256, 256))
+    env, attempts = PointEnv(1, max_steps=20), (5, 4)
+    specs = level_specs(env, attempts)
+    made = [learners.find(learner)(spec, config, [torch.Generator()]) for spec in specs]
+    kept = sum(4 * tensor.numel() for own in made for tensor in own.tensors(0).values())
+    reckoned = needs.of_seed(env, attempts, config, max_steps=20, episodes=0)
+    assert 0.95 < kept / reckoned <= 1 and needs.tables(config) == count
+
+
+def test_a_learner_without_targets_keeps_less_and_a_broken_one_is_no_error(tmp_path):
+    plain = hac_suite.Config(target_rate=0.0, tested_actor_rate=0.0)
+    assert needs.tables(plain) == 6
+    (tmp_path / "own.py").write_text("class Own:\n    def __init__(self, *_): raise OSError\n")
+    assert needs.tables(hac_suite.Config(learner=f"{tmp_path}/own.py:Own")) == 13
 
 
 def test_a_buffer_that_cannot_fill_up_is_not_reckoned_full():
