@@ -163,8 +163,9 @@ def _subgoals(about: About, played: Played, settings: Settings) -> Iterator[str]
 
 
 def _scales(own: TaskSpec, settings: Settings) -> Iterator[str]:
-    """Numbers of the observation whose scale is ten times off, or that lie far from zero."""
-    largest = np.abs(settings.observation_offset) + settings.observation_scale
+    """Numbers of the observation whose scale is ten times off, or that lie far from the offset."""
+    offset = 0.0 if own.observation_offset is None else own.observation_offset
+    largest = np.abs(np.subtract(settings.observation_offset, offset)) + settings.observation_scale
     for name, scale, found in zip(
         own.observation_names, own.observation_scale, largest, strict=True
     ):

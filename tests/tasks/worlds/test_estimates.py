@@ -1,5 +1,7 @@
 """Estimated spaces: against those that were made by hand, and against what is known of toys."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -215,6 +217,23 @@ def test_a_scale_ten_times_off_is_said():
     )  # fmt: skip
     lines = list(seen.warnings(task.about, played, played, settings, bad))
     assert any("angular_velocity is divided by 0.01" in line for line in lines), lines
+
+
+def test_an_offset_of_the_tasks_own_is_reckoned_with():
+    task = tasks.unfitted("pendulum_climb")
+    played = estimates.random_episodes(task.env_of, task.about, episodes=8)
+    far = played._replace(observation=played.observation + [0.0, 0.0, 500.0])
+    settings = estimates.settings(task.about, far)
+
+    def lines(offset):
+        own = dataclasses.replace(task.own, offset=offset)
+        said = seen.warnings(task.about, far, far, settings, own)
+        return [line for line in said if "is divided by" in line]
+
+    assert lines((0.0, 0.0, 500.0)) == []
+    for wrong in ((), (0.0, 0.0, 5.0)):
+        (line,) = lines(wrong)
+        assert "angular_velocity is divided by 10, but episodes suggest 5" in line
 
 
 def test_a_toy_that_is_easy_and_one_that_fails():
