@@ -64,7 +64,11 @@ def begin(name: str, model: Path, point: str | None = None) -> Begun:
 
 
 def _complete(spec: mujoco.MjSpec, model: mujoco.MjModel, found: Found) -> None:
-    """Adds the sensors that the task reads, and a camera and a light where there are none."""
+    """Adds the sensors that the task reads, a camera and a light where there are none, and sizes.
+
+    MuJoCo would measure the task's model with its hidden markers, far below all else, and clip what
+    is nearer to a camera than a part of that.
+    """
     joint, frame = mujoco.mjtObj.mjOBJ_JOINT, mujoco.mjtObj.mjOBJ_BODY
     for each in found.joints:
         for kind in (mujoco.mjtSensor.mjSENS_JOINTPOS, mujoco.mjtSensor.mjSENS_JOINTVEL):
@@ -73,6 +77,7 @@ def _complete(spec: mujoco.MjSpec, model: mujoco.MjModel, found: Found) -> None:
         frame = mujoco.mjtObj.mjOBJ_SITE
     spec.add_sensor(type=mujoco.mjtSensor.mjSENS_FRAMEPOS, objtype=frame, objname=found.point)
     centre, extent = np.array(model.stat.center), float(model.stat.extent)
+    spec.stat.center, spec.stat.extent = centre.round(3), float(f"{extent:.3g}")
     if not model.ncam:
         away = np.array([0.0, -1.0, 0.9])
         spec.worldbody.add_camera(

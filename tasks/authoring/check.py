@@ -176,6 +176,8 @@ def _cameras(entry: registry.Entry) -> Iterator[Finding]:
             "the model has no light: videos are dark",
             "add a <light>, or build the arena with tasks.scenes.build, which has two",
         )
+    if model.ncam:
+        yield from _near_plane(environment)
     hinges = (model.jnt_type == int(mujoco.mjtJoint.mjJNT_HINGE)) & (model.jnt_limited == 1)
     if (np.abs(model.jnt_range[hinges]) > 2 * _WHOLE_TURN).any():
         yield Finding(
@@ -185,6 +187,27 @@ def _cameras(entry: registry.Entry) -> Iterator[Finding]:
         )
     if model.ncam and model.nlight:
         yield Finding("good", f"{model.ncam} camera(s) and {model.nlight} light(s)")
+
+
+def _near_plane(environment: Any) -> Iterator[Finding]:
+    """What is nearer to a camera than the near plane is not drawn."""
+    environment.reset()
+    model, data = environment.physics.model.ptr, environment.physics.data.ptr
+    mujoco.mj_forward(model, data)
+    bodies = model.geom_bodyid
+    robot = (model.body_weldid[bodies] > 0) & (model.body_mocapid[bodies] < 0)
+    ahead = -data.cam_xmat[0].reshape(3, 3)[:, 2]
+    away = (data.geom_xpos[robot] - data.cam_xpos[0]) @ ahead
+    near = model.vis.map.znear * model.stat.extent
+    if ((away > 0) & (away < near)).any():
+        yield Finding(
+            "doubtful",
+            f"the near plane is {near:.2g} m from the camera, and the robot nearer: pictures do "
+            "not show it",
+            'write <statistic extent="1" center="0 0 0.5"/> into the model, with the size and the '
+            "middle of your scene in metres: MuJoCo measures hidden markers too, and the near "
+            "plane's distance is a part of that",
+        )
 
 
 # -- What it does

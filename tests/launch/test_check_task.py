@@ -4,6 +4,7 @@ import re
 from pathlib import Path
 
 import gymnasium
+import mujoco
 import numpy as np
 import pytest
 
@@ -88,6 +89,10 @@ def test_a_task_begun_from_a_model_passes_its_checks(arm, capsys):
     model = environment.physics.model
     assert model.jnt_range[0].tolist() == pytest.approx([-np.pi / 2, np.pi / 2], abs=1e-3)
     assert model.ncam == model.nlight == 1
+    # Nor do the hidden markers count among what pictures are measured by.
+    own = mujoco.MjModel.from_xml_string(ARM).stat
+    assert model.stat.extent == pytest.approx(own.extent, rel=0.01)
+    np.testing.assert_allclose(model.stat.center, own.center, atol=1e-3)
 
 
 def test_a_task_that_cannot_be_trained_on_is_refused_before_anything_is_made(
@@ -202,6 +207,7 @@ def test_what_is_wrong_with_a_task_is_said_with_a_remedy(arm, old, new, said):
         (r"<light[^>]*/>", "", "no light"),
         (r'range="-1.57\d* 1.57\d*"', 'range="-90 90"', "look like degrees"),
         (r"<option ", '<option integrator="RK4" ', "RK4"),
+        (r"<statistic [^>]*/>", '<statistic extent="500"/>', "near plane is 5 m.*<statistic"),
     ],
 )
 def test_what_is_wrong_with_a_model_is_said_with_a_remedy(arm, pattern, new, said):
