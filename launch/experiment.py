@@ -1,16 +1,13 @@
 """One launch from request to exit status: plan, train, draw, render, summarise."""
 
 import contextlib
-import dataclasses
 import functools
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from pathlib import Path
 from typing import NamedTuple
 
 import hac_suite
 import tasks
-from hac_suite import policy_files
 from launch.asking import doubts, settings
 from launch.asking.console import Console
 from launch.asking.request import Request
@@ -317,15 +314,9 @@ def _said(seeds: Seeds, request: Request) -> list[str]:
 
 def _not_kept(folder: RunFolder, seeds: Seeds, request: Request) -> Iterator[str]:
     """Says which policies of earlier test periods are asked for, but were not kept in time."""
-    layers, behind = seeds.agent.subgoal_layers, dict.fromkeys(seeds.finished, request.periods + 1)
+    behind = dict.fromkeys(seeds.finished, request.periods + 1)
     behind |= {seed: len(own.rows) for seed, own in seeds.interrupted.items()}
-    late = [
-        (seed, period)
-        for seed, periods in behind.items()
-        for period in request.keep_policies
-        if period < periods
-        and not all(map(Path.is_file, policy_files.paths(folder.stage(layers, seed, period))))
-    ]
+    late = folder.unkept(seeds.agent.subgoal_layers, behind, request.keep_policies)
     if late:
         yield _NOT_KEPT.format(
             agent=seeds.agent,
@@ -365,21 +356,13 @@ def _plan(task: str, request: Request, recorder: Recorder) -> worker.Plan:
     return worker.Plan(
         word=tasks.find(task).word,
         out=request.out.resolve(),
-        config=_anywhere(request.config),
+        config=settings.anywhere(request.config),
         horizons={layers: tuple(horizons[str(layers)]) for layers in request.subgoal_layers},
         periods=request.periods,
         device=request.device,
         keep_final=request.keep_final,
         kept=request.keep_policies,
     )
-
-
-def _anywhere(config: hac_suite.Config) -> hac_suite.Config:
-    """The config for workers in other folders: a learner's file is named with its own."""
-    file, colon, name = config.learner.rpartition(":")
-    if not colon:
-        return config
-    return dataclasses.replace(config, learner=f"{Path(file).resolve()}:{name}")
 
 
 def _kept(folder: RunFolder) -> Iterator[str]:

@@ -2,6 +2,7 @@
 
 import dataclasses
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 from ml_collections import ConfigDict
@@ -57,3 +58,11 @@ def as_json(config: hac_suite.Config) -> dict[str, Any]:
         name: list(value) if isinstance(value, tuple) else value
         for name, value in dataclasses.asdict(config).items()
     }
+
+
+def anywhere(config: hac_suite.Config) -> hac_suite.Config:
+    """The config for workers in other folders: a learner's file is named with its own."""
+    file, colon, name = config.learner.rpartition(":")
+    if not colon:
+        return config
+    return dataclasses.replace(config, learner=f"{Path(file).resolve()}:{name}")

@@ -26,7 +26,7 @@ from launch.films.sheet import Sheet
 from launch.pictures import video
 from launch.pictures.choosing import choose
 from launch.pictures.course import Course, record
-from tasks.worlds.world import NoFrames
+from tasks.worlds.making import NoFrames
 
 _ANIMATIONS = (".webp", ".gif")
 _PROBE = (64, 48)

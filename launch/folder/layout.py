@@ -57,6 +57,25 @@ class RunFolder:
         """Path of the policy of a test period, without its two suffixes."""
         return self.stages / f"{self.policy(subgoal_layers, seed).name}_period{period}"
 
+    def unkept(
+        self, subgoal_layers: int, behind: Mapping[int, int], periods: Iterable[int]
+    ) -> list[tuple[int, int]]:
+        """Seeds and test periods of which no policy was kept, although the period is over.
+
+        Args:
+          behind: how many test periods a seed has behind it.
+        """
+        return [
+            (seed, period)
+            for period in periods
+            for seed, count in behind.items()
+            if period < count
+            and not all(
+                file.is_file()
+                for file in policy_files.paths(self.stage(subgoal_layers, seed, period))
+            )
+        ]
+
     def video(self, subgoal_layers: int) -> Path:
         return self.videos / f"{self.task}_{subgoal_layers}layers.mp4"
 

@@ -12,7 +12,7 @@ from launch.asking import settings
 from launch.pictures.stage import Poses, Stage, Unseen, simulation_of
 from launch.pictures.subgoal_log import LoggedSubgoal, SubgoalLog
 from tasks.worlds.fitted import FittedEntry
-from tasks.worlds.world import NoFrames
+from tasks.worlds.making import NoFrames
 
 _MOST_PHOTOS = 160  # of an episode
 _PHOTO = (640, 480)  # width, height

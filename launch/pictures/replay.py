@@ -19,7 +19,7 @@ from launch.pictures.outcomes import COLOURS, SIGNS
 from launch.pictures.stage import Poses, Stage
 from launch.pictures.subgoal_log import WORDS
 from launch.pictures.video import RenderingError
-from tasks.worlds.world import NoFrames
+from tasks.worlds.making import NoFrames
 
 _LEAST_SECONDS = 5.0  # that an episode plays for at first, slowed down for it
 _SPEEDS = (0.1, 0.25, 0.5, 1.0, 2.0)  # times real time

@@ -44,7 +44,6 @@ _PACKAGES = ("gymnasium_robotics",)  # asked where no module is named
 _COMPILERS = ("from_xml_path", "from_xml_string")
 _COMPARED = 2  # copies of the environment that compile, to see whether they get the same models
 
-T = TypeVar("T")
 _BAD_INDEX = (
     "{what}={text}: give elements of the observation, as in obs[0:2] or obs[0,3]{more}; there are "
     "{size}"
@@ -61,6 +60,12 @@ _MANY = (
 _OF_OTHERS = re.compile(
     re.escape(str(Path(__file__).parent)) + r"|.*[\\/](site-packages|python[\d.]+)[\\/]"
 )
+
+T = TypeVar("T")
+
+
+class NoFrames(RuntimeError):
+    """The environment cannot render frames."""
 
 
 def maker(word: str, id: str, args: Mapping[str, Any]) -> Callable[[], gymnasium.Env]:
@@ -360,3 +365,17 @@ def _bytes(model: mujoco.MjModel) -> bytes:
     buffer = np.zeros(mujoco.mj_sizeModel(model), np.uint8)
     mujoco.mj_saveModel(model, None, buffer)
     return buffer.tobytes()
+
+
+def fitted_into(picture: np.ndarray, height: int, width: int) -> np.ndarray:
+    """The picture as large as fits, its proportions kept, on black."""
+    ratio = min(height / picture.shape[0], width / picture.shape[1])
+    rows, columns = (max(1, int(size * ratio)) for size in picture.shape[:2])
+    at = [
+        np.minimum((np.arange(new) + 0.5) * old / new, old - 1).astype(int)
+        for new, old in ((rows, picture.shape[0]), (columns, picture.shape[1]))
+    ]
+    framed = np.zeros((height, width, 3), np.uint8)
+    top, left = (height - rows) // 2, (width - columns) // 2
+    framed[top : top + rows, left : left + columns] = picture[at[0]][:, at[1]]
+    return framed

@@ -30,10 +30,6 @@ _GOALS = 1  # marks the random stream of end goals, apart from the environment's
 _PAIRS = 64  # episodes whose goals are looked at to learn what compute_reward means
 
 
-class NoFrames(RuntimeError):
-    """The environment cannot render frames."""
-
-
 class Step(NamedTuple):
     """What N environments show after a reset or a step, in natural units; fresh arrays.
 
@@ -303,10 +299,10 @@ class Adapter:
             picture = None
         except Exception as error:  # another's code can raise anything
             reason = " ".join(f"{type(error).__name__}: {error}".split())
-            raise NoFrames(f"{self._world.word}: its render() failed: {reason}") from error
+            raise making.NoFrames(f"{self._world.word}: its render() failed: {reason}") from error
         if not isinstance(picture, np.ndarray) or picture.ndim != 3:
-            raise NoFrames(f"{self._world.word}: it renders no frames ('rgb_array')")
-        return _fitted_into(picture[..., :3].astype(np.uint8), height, width)
+            raise making.NoFrames(f"{self._world.word}: it renders no frames ('rgb_array')")
+        return making.fitted_into(picture[..., :3].astype(np.uint8), height, width)
 
     def close(self) -> None:
         """Frees the copies that no other adapter plays in; the next reset makes them again."""
@@ -316,20 +312,6 @@ class Adapter:
 def _finite_part(view: View) -> View:
     """The view with 0 in place of numbers that are not finite."""
     return View(*(np.nan_to_num(part, posinf=0.0, neginf=0.0) for part in view))
-
-
-def _fitted_into(picture: np.ndarray, height: int, width: int) -> np.ndarray:
-    """The picture as large as fits, its proportions kept, on black."""
-    ratio = min(height / picture.shape[0], width / picture.shape[1])
-    rows, columns = (max(1, int(size * ratio)) for size in picture.shape[:2])
-    at = [
-        np.minimum((np.arange(new) + 0.5) * old / new, old - 1).astype(int)
-        for new, old in ((rows, picture.shape[0]), (columns, picture.shape[1]))
-    ]
-    framed = np.zeros((height, width, 3), np.uint8)
-    top, left = (height - rows) // 2, (width - columns) // 2
-    framed[top : top + rows, left : left + columns] = picture[at[0]][:, at[1]]
-    return framed
 
 
 def _time_limit(env: gymnasium.Env) -> int | None:

@@ -18,7 +18,7 @@ from launch.asking import lists, request
 from launch.films import rendering
 from launch.pictures import video
 from tasks.worlds import settings as settings_lib
-from tasks.worlds.world import NoFrames
+from tasks.worlds.making import NoFrames
 
 ROOT = Path(__file__).resolve().parents[2]
 POINT = "gym:tests.tasks.worlds.toys:HacToy/Point-v0"

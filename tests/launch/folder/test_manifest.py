@@ -9,7 +9,6 @@ import pytest
 import tasks
 from analysis.program import CommandError
 from hac_suite.config import Config
-from launch import experiment
 from launch.asking import settings
 from launch.folder import manifest
 from launch.jobs import on_ray
@@ -122,8 +121,8 @@ def test_what_is_published_names_no_folder(tmp_path):
 
 def test_workers_elsewhere_find_a_learners_file(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    assert experiment._anywhere(Config()).learner == "ddpg"
-    anywhere = experiment._anywhere(Config(learner="own.py:Mine"))
+    assert settings.anywhere(Config()).learner == "ddpg"
+    anywhere = settings.anywhere(Config(learner="own.py:Mine"))
     assert anywhere.learner == f"{tmp_path / 'own.py'}:Mine"
 
 

@@ -86,28 +86,8 @@ def test_a_signal_ends_the_workers(tmp_path, forked, number):
     assert signal.getsignal(number) == before
 
 
-def test_what_workers_warn_of_while_they_are_ended_is_heard(tmp_path, forked):
-    heard = []
-
-    def hear(job, message) -> None:
-        heard.append(message)
-        if message == "training":
-            os.kill(os.getpid(), signal.SIGTERM)
-
-    with StopSignal() as stop:
-        execute(
-            [Job(Agent("works", 0), (0,))],
-            fake_jobs.warn_when_told,
-            Hooks(lambda job: tmp_path / "log", hear),
-            workers=1,
-            stop=stop,
-        )
-    assert heard[:2] == [Started(), "training"] and heard[-1] == Warned("could not save")
-    assert len(heard) == 2 + 2000 + 1  # warnings alone
-
-
-def test_a_worker_that_does_not_stop_in_time_is_ended_with_a_warning(tmp_path, forked, monkeypatch):
-    monkeypatch.setattr(local, "GRACE_SECONDS", 0.5)
+def heard_until_stopped(tmp_path, work) -> list:
+    """The messages of a job that is stopped as soon as it says that it trains."""
     heard = []
 
     def hear(job, message) -> None:
@@ -117,8 +97,19 @@ def test_a_worker_that_does_not_stop_in_time_is_ended_with_a_warning(tmp_path, f
 
     with StopSignal() as stop:
         hooks = Hooks(lambda job: tmp_path / "log", hear)
-        jobs = [Job(Agent("deaf", 0), (0,))]
-        execute(jobs, fake_jobs.deaf_to_signals, hooks, workers=1, stop=stop)
+        execute([Job(Agent("works", 0), (0,))], work, hooks, workers=1, stop=stop)
+    return heard
+
+
+def test_what_workers_warn_of_while_they_are_ended_is_heard(tmp_path, forked):
+    heard = heard_until_stopped(tmp_path, fake_jobs.warn_when_told)
+    assert heard[:2] == [Started(), "training"] and heard[-1] == Warned("could not save")
+    assert len(heard) == 2 + 2000 + 1  # warnings alone
+
+
+def test_a_worker_that_does_not_stop_in_time_is_ended_with_a_warning(tmp_path, forked, monkeypatch):
+    monkeypatch.setattr(local, "GRACE_SECONDS", 0.5)
+    heard = heard_until_stopped(tmp_path, fake_jobs.deaf_to_signals)
     assert isinstance(heard[-1], Warned) and "since its last checkpoint is lost" in heard[-1].text
 
 

@@ -8,7 +8,8 @@ import tasks
 from hac_suite.types import level_specs
 from tasks.worlds import estimates
 from tasks.worlds.copies import Options
-from tasks.worlds.world import NoFrames, World
+from tasks.worlds.making import NoFrames
+from tasks.worlds.world import World
 from tests.tasks.worlds import toys
 from tests.tasks.worlds.playing import SEEDS, world
 
