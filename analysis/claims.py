@@ -39,6 +39,14 @@ _ON_COSTS = """# What a hierarchy gains at equal cost
 The gain in area under the success curve over the agent without subgoal layers that is the strongest
 at equal cost of that kind, in points, with 95% intervals from pairs of seeds. Updates are those of
 all levels, and do not depend on the machine; core-minutes do, and include tests.
+
+Agents are compared until one seed of either has done all of its training. Between two tests, areas
+follow a straight line. A star marks a gain that has its sign whatever happened between the tests,
+as long as success stayed between the two. Intervals are not corrected for each other.
+"""
+_ON_ENDS = """
+The gain in success, in points, when that amount is spent, and the share of its training that the
+hierarchy has done by then:
 """
 
 HEADINGS = ("claim", "verdict", "measured", "seeds", "quantity", "where")
@@ -49,13 +57,14 @@ COLUMNS = (
 
 METHOD = (
     "Agents are named by their number of subgoal layers. The sampling unit is the seed. Intervals "
-    "of means over seeds are 95% bootstrap intervals (BCa), resampled within each task and agent. "
-    "Intervals of counted seeds are exact binomial ones. An interval of zero width means that all "
-    "seeds agree, not that the estimate is exact.",
+    "of means and of their differences are 95% t intervals (Welch). Those of medians and of "
+    "probabilities of improvement are bootstrap intervals (BCa), which are too narrow for ten "
+    "seeds. Intervals of counted seeds are exact binomial ones. An interval of zero width means "
+    "that all seeds agree, not that the estimate is exact.",
     "(a) and (b) compare with the strongest agent without subgoal layers on each task: the one "
-    "with the largest mean area, over as many episodes as all of them have. Weaker ones are shown "
-    "and decide nothing. Choosing the baseline by the data that it is judged on can only favour "
-    "the baseline.",
+    "with a larger mean area than each other, over as many episodes as both have. Weaker ones are "
+    "shown and decide nothing. Choosing the baseline by the data that it is judged on favours the "
+    "baseline, so it can make a hierarchy look worse than it is.",
     "Areas and episodes to 80% end where the first seed of a task ends. A seed that never reaches "
     "80% counts as reaching it there. The p values are from a permutation test for areas, "
     "Mann-Whitney for the probability of improvement, log-rank for episodes, and sign flips for "
@@ -162,16 +171,18 @@ def costs(folder: Path) -> str:
     Raises:
       ValueError: as `judge`.
     """
-    flats, rows = grid.load_flats(folder), []
+    flats, gains, ends = grid.load_flats(folder), [], []
     for task, results in grid.load_grid(folder).items():
         own = {name: found[task] for name, found in flats.items() if task in found}
         try:
             verdicts = hierarchy.judge(results, own)
-        except ValueError:  # not trained yet: nothing to compare
+        except hierarchy.NothingToCompareError:  # not trained yet
             continue
-        rows += [(task, *row) for row in hierarchy.costs(verdicts)]
+        gains += [(task, *row) for row in hierarchy.costs(verdicts)]
+        ends += [(task, *row) for row in hierarchy.ends(verdicts)]
     headings = ("task", *hierarchy.COST_HEADINGS)
-    return "\n".join([_ON_COSTS, *program.markdown_table(headings, rows), ""])
+    first, second = (program.markdown_table(headings, rows) for rows in (gains, ends))
+    return "\n".join([_ON_COSTS, *first, _ON_ENDS, *second, ""])
 
 
 def read_why(folder: Path) -> dict[str, str]:

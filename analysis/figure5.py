@@ -25,7 +25,8 @@ from analysis.figures.success import (
 from analysis.reading import grid, paper, schema
 from analysis.reading.files import write_atomically
 from analysis.statistics.seeds import n_label, success_per_period, with_cost
-from analysis.verdicts.speed_claims import OWN, Flats, Grid
+from analysis.verdicts.rivals import OWN
+from analysis.verdicts.speed_claims import Flats, Grid
 
 _HELP = """Draws the paper's Figure 5 from the published results.
 

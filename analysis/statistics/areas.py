@@ -1,5 +1,7 @@
 """Area under success curves: one number for how fast and how reliably an agent learns."""
 
+from collections.abc import Iterator
+
 import numpy as np
 import pandas as pd
 
@@ -24,14 +26,48 @@ def areas(results: pd.DataFrame, budget: float, against: str = EPISODES) -> pd.S
       budget: an amount of the column `against`, more than 0.
     """
     found = {}
+    for seed, spent, success in _curves(results, budget, against):
+        within = spent < budget
+        x = np.append(spent[within], budget)
+        y = np.append(success[within], np.interp(budget, spent, success))
+        found[seed] = np.trapezoid(y, x / budget)
+    return pd.Series(found, dtype=float)
+
+
+def area_bounds(
+    results: pd.DataFrame, budget: float, against: str = EPISODES
+) -> tuple[pd.Series, pd.Series]:
+    """By seed, the least and the largest area if all that is known is the tests.
+
+    `areas` draws straight lines between tests. Here success between two tests may be anything from
+    the lower of them to the higher.
+    """
+    least, largest = {}, {}
+    for seed, spent, success in _curves(results, budget, against):
+        shares = np.diff(np.minimum(spent, budget)) / budget
+        least[seed] = shares @ np.minimum(success[1:], success[:-1])
+        largest[seed] = shares @ np.maximum(success[1:], success[:-1])
+    return pd.Series(least, dtype=float), pd.Series(largest, dtype=float)
+
+
+def at_budget(results: pd.DataFrame, budget: float, against: str, column: str) -> pd.Series:
+    """By seed, a column when `budget` was spent, on a straight line between two tests."""
+    found = {
+        seed: np.interp(budget, curve[against].to_numpy(float), curve[column].to_numpy(float))
+        for seed, curve in results.groupby("seed")
+        if curve[against].max() >= budget
+    }
+    return pd.Series(found, dtype=float)
+
+
+def _curves(
+    results: pd.DataFrame, budget: float, against: str
+) -> Iterator[tuple[int, np.ndarray, np.ndarray]]:
+    """Of each seed that reached the budget, what was spent at each test, and the success."""
     for seed, curve in results.groupby("seed"):
         spent, success = curve[against].to_numpy(float), curve["success_rate"].to_numpy(float)
         if spent.max() >= budget > 0:
-            within = spent < budget
-            x = np.append(spent[within], budget)
-            y = np.append(success[within], np.interp(budget, spent, success))
-            found[seed] = np.trapezoid(y, x / budget)
-    return pd.Series(found, dtype=float)
+            yield seed, spent, success
 
 
 def common_budget(results: pd.DataFrame, against: str = EPISODES) -> float:

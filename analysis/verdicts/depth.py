@@ -114,7 +114,7 @@ def as_table(gains: Sequence[Evidence], budget: dict[str, int]) -> pd.DataFrame:
 
 def _verdict(item: Evidence) -> str:
     if item.verdict == NOT_SUPPORTED:
-        return _COSTS if item.p_holm < evidence.ALPHA and item.value < 0 else _TOO_LITTLE
+        return _COSTS if evidence.loses(item) else _TOO_LITTLE
     return _PAYS if item.verdict == SUPPORTED else _UNDECIDED
 
 

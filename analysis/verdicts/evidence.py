@@ -13,7 +13,7 @@ UNDECIDED = "undecided"
 
 ALPHA = 0.05
 LEAST_SEEDS = 5
-"""Fewer seeds per agent decide nothing: bootstrap intervals of three are far too narrow."""
+"""Fewer seeds per agent decide nothing."""
 MARGIN = 0.05
 """A gain whose interval ends below five points is too small to be called one."""
 
@@ -95,6 +95,12 @@ def judge_gain(item: Evidence) -> Evidence:
         return replace(item, verdict=NOT_SUPPORTED)
     surely = item.p_holm < ALPHA and item.value > 0
     return replace(item, verdict=SUPPORTED if surely else UNDECIDED)
+
+
+def loses(item: Evidence) -> bool:
+    """Whether a judged gain is surely a loss, and not one that is too small to matter."""
+    surely = item.p_holm < ALPHA and item.high < 0
+    return item.verdict == NOT_SUPPORTED and surely and item.low < -MARGIN
 
 
 def judge_gains(items: Sequence[Evidence]) -> list[Evidence]:

@@ -1,9 +1,8 @@
 """Does hierarchy help on a task: 1 and 2 subgoal layers against the strongest flat agent."""
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import NamedTuple
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pandas as pd
@@ -14,7 +13,13 @@ from analysis.statistics import areas, comparison
 from analysis.statistics.seeds import bootstrap
 from analysis.verdicts import evidence
 from analysis.verdicts.evidence import LEAST_SEEDS, NOT_SUPPORTED, SUPPORTED, Evidence
-from analysis.verdicts.speed_claims import Rival, strongest
+from analysis.verdicts.rivals import (
+    LEAST_TESTS,
+    Comparison,
+    NothingToCompareError,
+    Rival,
+    strongest,
+)
 
 LATE_PERIODS = 3
 POWER = 0.8
@@ -32,8 +37,14 @@ _NO_GAIN = 1e-9  # a mean of areas that is not zero for its roundings only
 RISING = 0.05
 """Success that rises by more than this from the test period before the last to the last."""
 _STILL_RISING = "Success was still rising at the end, so longer training may change this."
+_FEW_TESTS = (
+    "At {equal} an agent was tested fewer than {least} times, too seldom to decide: test more "
+    "often (--config.episodes_per_period)."
+)
+_CUT = "Areas end after {episodes:.0f} of {longest:.0f} episodes, where a seed ended."
 
 _AREA = "difference in area under the success curve at {equal}"
+_SUCCESS = "difference in success at {equal}"
 _FINAL = "difference in success over the last {periods} test periods"
 _IMPROVEMENT = "probability of improvement in area at {equal}"
 
@@ -44,7 +55,7 @@ class Verdict:
 
     Attributes:
       subgoal_layers: of the agent that is judged.
-      rivals: by key of `EQUAL`, the name of the strongest flat agent, which it is compared with.
+      compared: by key of `EQUAL`, what was compared.
       deciding: the difference in area at equal environment steps, judged.
       minutes: that at equal core-minutes, judged.
       evidence: all that was measured, the deciding difference first.
@@ -54,13 +65,18 @@ class Verdict:
     """
 
     subgoal_layers: int
-    rivals: Mapping[str, str]
+    compared: Mapping[str, Comparison]
     deciding: Evidence
     minutes: Evidence
     evidence: tuple[Evidence, ...]
     seeds_needed: int | None
     least_seeds: int
     rising: bool
+
+    @property
+    def rivals(self) -> dict[str, str]:
+        """By key of `EQUAL`, the name of the strongest flat agent, which it is compared with."""
+        return {against: one.rival for against, one in self.compared.items()}
 
     @property
     def says(self) -> str:
@@ -89,9 +105,21 @@ class Verdict:
             f"the success curve, against the flat agent{self._named()}, "
             f"{pairs} pair{'' if pairs == 1 else 's'} of seeds."
         )
-        if self.says == UNDECIDED:
-            text = f"{text} {self._what_it_takes()}"
-        return f"{text} {_STILL_RISING}" if self.rising else text
+        return " ".join([text, *self._remarks()])
+
+    def _remarks(self) -> Iterator[str]:
+        few = [key for key in (areas.STEPS, areas.SECONDS) if self.compared[key].is_guess()]
+        if few:
+            equal = " and at ".join(EQUAL[key] for key in few)
+            yield _FEW_TESTS.format(equal=equal, least=LEAST_TESTS)
+        if self.says == UNDECIDED and areas.STEPS not in few:
+            yield self._what_it_takes()
+        if self.rising:
+            yield _STILL_RISING
+        episodes = self.compared[areas.EPISODES]
+        longest = max(one[areas.EPISODES].max() for one in (episodes.new, episodes.old))
+        if episodes.budget < longest:
+            yield _CUT.format(episodes=episodes.budget, longest=longest)
 
     def _named(self) -> str:
         """Which flat agent, where there are several: the strongest at equal cost of each kind."""
@@ -114,7 +142,7 @@ class Verdict:
 
 def _says(item: Evidence) -> str:
     """The verdict on a judged difference in words."""
-    if item.verdict == NOT_SUPPORTED and item.high < 0 and item.p_holm < evidence.ALPHA:
+    if evidence.loses(item):
         return HURTS
     return {SUPPORTED: HELPS, NOT_SUPPORTED: SMALL}.get(item.verdict, UNDECIDED)
 
@@ -127,29 +155,43 @@ def judge(results: pd.DataFrame, flats: Mapping[str, pd.DataFrame]) -> list[Verd
       flats: results of other agents without subgoal layers, by name.
 
     Raises:
-      ValueError: there is nothing to compare: no flat agent, no hierarchy, or no seed of both.
+      NothingToCompareError: there is no flat agent, no hierarchy, or no seed of both.
     """
     own = areas.with_costs(results)
     others = {name: areas.with_costs(rows) for name, rows in flats.items()}
     found = {against: strongest(own, others, against) for against in EQUAL}
     layers = sorted(set(found[areas.STEPS].results["subgoal_layers"]))
     if layers[0] != 0 or len(layers) < 2:
-        raise ValueError(_nothing(layers))
+        raise NothingToCompareError(_nothing(layers))
     late = strongest(own, others, score=_late)
-    measured = [_measure(deep, found, late) for deep in layers[1:]]
-    steps, minutes = (
-        evidence.judge_gains([_at_equal(items, against) for items in measured])
-        for against in (areas.STEPS, areas.SECONDS)
-    )
+    compared = {
+        deep: {against: Comparison.of(rival, deep, against) for against, rival in found.items()}
+        for deep in layers[1:]
+    }
+    measured = {deep: _measure(own, late) for deep, own in compared.items()}
+    steps, minutes = (_judged(compared, measured, key) for key in (areas.STEPS, areas.SECONDS))
     return [
-        _verdict(deep, found, both, items, len(measured))
-        for deep, both, items in zip(
-            layers[1:], zip(steps, minutes, strict=True), measured, strict=True
-        )
+        _verdict(deep, compared[deep], (steps[deep], minutes[deep]), measured[deep], len(compared))
+        for deep in compared
     ]
 
 
+def _judged(
+    compared: Mapping[int, Mapping[str, Comparison]],
+    measured: Mapping[int, Sequence[Evidence]],
+    against: str,
+) -> dict[int, Evidence]:
+    """By hierarchy, its difference in area at equal amounts of `against`, judged."""
+    items = evidence.judge_gains([_at_equal(own, against) for own in measured.values()])
+    return {
+        deep: replace(item, verdict=evidence.UNDECIDED) if own[against].is_guess() else item
+        for (deep, own), item in zip(compared.items(), items, strict=True)
+    }
+
+
 COST_HEADINGS = ("agents", *EQUAL.values())
+CERTAIN = "*"
+"""Marks a gain in area that has its sign however success went between the tests."""
 
 
 def costs(verdicts: Sequence[Verdict]) -> list[tuple[str, ...]]:
@@ -164,9 +206,26 @@ def costs(verdicts: Sequence[Verdict]) -> list[tuple[str, ...]]:
 
 
 def _gain(verdict: Verdict, against: str) -> str:
-    rival = verdict.rivals[against]
+    one = verdict.compared[against]
     gain = _at_equal(verdict.evidence, against).without_unit
-    return f"{gain} ({rival})" if rival else gain
+    certain = CERTAIN if one.is_certain() else ""
+    return f"{gain}{certain} ({one.rival})" if one.rival else f"{gain}{certain}"
+
+
+def ends(verdicts: Sequence[Verdict]) -> list[tuple[str, ...]]:
+    """The gains in success when those amounts are spent, under `COST_HEADINGS`.
+
+    Beside each is the share of its training that the hierarchy has done by then.
+    """
+    return [
+        (f"{own.subgoal_layers} against 0", *(_end(own, against) for against in EQUAL))
+        for own in verdicts
+    ]
+
+
+def _end(verdict: Verdict, against: str) -> str:
+    gain = _at_equal(verdict.evidence, against, _SUCCESS).without_unit
+    return f"{gain} at {verdict.compared[against].trained():.0%}"
 
 
 HEADINGS = ("agents", "quantity", "pairs of seeds", "value [95% interval]", "p")
@@ -190,68 +249,43 @@ def _nothing(layers: Sequence[int]) -> str:
     )
 
 
-def _measure(deep: int, found: Mapping[str, Rival], late: Rival) -> list[Evidence]:
-    """All differences of an agent; `late` is the flat agent that is the strongest at the end."""
-    task = str(late.results["task"].iloc[0])
+def _measure(compared: Mapping[str, Comparison], late: Rival) -> list[Evidence]:
+    """All differences of a hierarchy; `late` is the flat agent that is the strongest at the end."""
     measured = []
     for against, equal in EQUAL.items():
-        agents = _agents(deep, found[against])
-        new, old = pairs(found[against].results, deep, against)
-        if not len(new):
-            raise ValueError(
-                f"no seed was trained with both {deep} and 0 subgoal layers, and agents are "
-                "compared by seed"
-            )
-        measured.append(_difference(task, agents, _AREA.format(equal=equal), new - old))
+        one = compared[against]
+        new, old = one.area_pairs()
+        measured.append(_difference(one, _AREA.format(equal=equal), new - old))
         if against == areas.STEPS:
             improvement = comparison.probability_of_improvement
             measured.append(
                 Evidence(
-                    task, agents, _IMPROVEMENT.format(equal=equal), "share", (len(new),),
-                    float(improvement(new, old)), *bootstrap([new, old], improvement),
+                    _task(one), _agents(one), _IMPROVEMENT.format(equal=equal), "share",
+                    (len(new),), float(improvement(new, old)), *bootstrap([new, old], improvement),
                     comparison.rank_p(new, old),
                 )
             )  # fmt: skip
-    compared = _compared(late.results, deep, areas.EPISODES)
-    new, old = (_late(rows, compared.budget) for rows in (compared.new, compared.old))
-    final = _FINAL.format(periods=min(LATE_PERIODS, _last_period(compared)))
-    return [*measured, _difference(task, _agents(deep, late), final, (new - old).to_numpy())]
+        measured.append(_difference(one, _SUCCESS.format(equal=equal), one.success_gains()))
+    deep = int(compared[areas.EPISODES].new["subgoal_layers"].iloc[0])
+    last = Comparison.of(late, deep, areas.EPISODES)
+    new, old = (_late(rows, last.budget) for rows in (last.new, last.old))
+    final = _FINAL.format(periods=min(LATE_PERIODS, _last_period(last)))
+    return [*measured, _difference(last, final, (new - old).to_numpy())]
 
 
-def _agents(deep: int, rival: Rival) -> str:
-    return f"{deep} against 0" + (f" ({rival.name})" if rival.name else "")
+def _task(one: Comparison) -> str:
+    return str(one.new["task"].iloc[0])
 
 
-class _Compared(NamedTuple):
-    """Results of the seeds that both agents have, and how far all of these were trained."""
-
-    new: pd.DataFrame
-    old: pd.DataFrame
-    budget: float
+def _agents(one: Comparison) -> str:
+    deep = one.new["subgoal_layers"].iloc[0]
+    return f"{deep} against 0" + (f" ({one.rival})" if one.rival else "")
 
 
-def _compared(results: pd.DataFrame, deep: int, against: str) -> _Compared:
-    new, old = (results[results["subgoal_layers"] == layers] for layers in (deep, 0))
-    shared = set(new["seed"]) & set(old["seed"])
-    new, old = (rows[rows["seed"].isin(shared)] for rows in (new, old))
-    budget = areas.common_budget(pd.concat([new, old]), against) if shared else 0.0
-    return _Compared(new, old, budget)
-
-
-def pairs(results: pd.DataFrame, deep: int, against: str) -> tuple[np.ndarray, np.ndarray]:
-    """Areas of agents with `deep` subgoal layers and without, [seeds that both have] each.
-
-    Both are taken until the amount of `against` that all these seeds have behind them.
-    """
-    new, old, budget = _compared(results, deep, against)
-    first, second = (areas.areas(rows, budget, against).to_numpy() for rows in (new, old))
-    return first, second
-
-
-def _difference(task: str, agents: str, quantity: str, gains: np.ndarray) -> Evidence:
+def _difference(one: Comparison, quantity: str, gains: np.ndarray) -> Evidence:
     value = comparison.contrast([gains], (1,))
     p = comparison.sign_flip_p(gains)
-    return Evidence(task, agents, quantity, "points", (len(gains),), *value, p)
+    return Evidence(_task(one), _agents(one), quantity, "points", (len(gains),), *value, p)
 
 
 def _late(results: pd.DataFrame, budget: float, against: str = areas.EPISODES) -> pd.Series:
@@ -261,36 +295,34 @@ def _late(results: pd.DataFrame, budget: float, against: str = areas.EPISODES) -
     return late.groupby("seed")["success_rate"].mean()
 
 
-def _last_period(compared: _Compared) -> int:
+def _last_period(compared: Comparison) -> int:
     within = compared.new[compared.new[areas.EPISODES] <= compared.budget]
     return int(within["period"].max())
 
 
-def _at_equal(found: Sequence[Evidence], against: str) -> Evidence:
-    """The difference in area at equal amounts of `against`."""
-    return next(item for item in found if item.quantity == _AREA.format(equal=EQUAL[against]))
+def _at_equal(found: Sequence[Evidence], against: str, quantity: str = _AREA) -> Evidence:
+    """The difference in area, or in another quantity, at equal amounts of `against`."""
+    return next(item for item in found if item.quantity == quantity.format(equal=EQUAL[against]))
 
 
 def _verdict(
     deep: int,
-    found: Mapping[str, Rival],
+    compared: Mapping[str, Comparison],
     judged: tuple[Evidence, Evidence],
     measured: Sequence[Evidence],
     comparisons: int,
 ) -> Verdict:
     """`judged` are the differences in area at equal environment steps and core-minutes."""
     undecided = _says(judged[0]) == UNDECIDED
-    results = found[areas.STEPS].results
-    seen = pairs(results, deep, areas.STEPS)
-    compared = _compared(results, deep, areas.EPISODES)
+    end = compared[areas.EPISODES]
     return Verdict(
         deep,
-        {against: rival.name for against, rival in found.items()},
+        compared,
         *judged,
         tuple(measured),
-        seeds_needed(*seen, comparisons) if undecided else None,
+        seeds_needed(*compared[areas.STEPS].area_pairs(), comparisons) if undecided else None,
         least_seeds(comparisons),
-        rising=any(_rises(rows, compared.budget) for rows in (compared.new, compared.old)),
+        rising=any(_rises(rows, end.budget) for rows in (end.new, end.old)),
     )
 
 

@@ -1,41 +1,25 @@
 """Claims of section 4.2 about which agents learn faster, judged from results.csv."""
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
 
 from analysis.reading import paper
 from analysis.statistics import comparison
-from analysis.statistics.areas import EPISODES, areas, common_budget
+from analysis.statistics.areas import areas, common_budget
 from analysis.statistics.seeds import SOLVED, bootstrap
 from analysis.verdicts import evidence
 from analysis.verdicts.evidence import Claim, Evidence
+from analysis.verdicts.rivals import Rival, strongest
 
 Grid = Mapping[str, pd.DataFrame]  # results by task
 Flats = Mapping[str, Grid]  # results of other agents without subgoal layers, by name
 
-# By seed, how good one agent's results are until an amount of a column.
-Score = Callable[[pd.DataFrame, float, str], pd.Series]
-
-OWN = "DDPG+HER"  # what the grid's own agent without subgoal layers is called beside others
-
 _AREA = "area under the success curve, gain"
 _IMPROVEMENT = "probability of improvement"
 _TO_SOLVED = f"episodes to {SOLVED:.0%}, saved"
-
-
-class Rival(NamedTuple):
-    """The strongest agent without subgoal layers on a task, in a grid in which it is the only one.
-
-    `name` is empty where there is no other.
-    """
-
-    name: str
-    results: pd.DataFrame
-    weaker: Mapping[str, pd.DataFrame]  # the same results with each of the others instead
 
 
 def rivals(grid: Grid, flats: Flats) -> dict[str, Rival]:
@@ -45,38 +29,6 @@ def rivals(grid: Grid, flats: Flats) -> dict[str, Rival]:
 
 def _of_task(flats: Flats, task: str) -> dict[str, pd.DataFrame]:
     return {name: own[task] for name, own in flats.items() if task in own}
-
-
-def strongest(
-    results: pd.DataFrame,
-    others: Mapping[str, pd.DataFrame],
-    against: str = EPISODES,
-    score: Score = areas,
-) -> Rival:
-    """The agent without subgoal layers whose mean score over seeds is the highest.
-
-    Agents whose training has not begun are out of the running. The scores of the others are taken
-    until the amount of `against` that all of them have reached, and the hierarchies as well.
-
-    Args:
-      results: of one task, which may have an agent without subgoal layers of its own.
-      others: results of others by name.
-    """
-    layered = results[results["subgoal_layers"] > 0]
-    found = {name: pd.concat([rows, layered]) for name, rows in others.items() if len(rows)}
-    if len(layered) < len(results):
-        found = {OWN if found else "": results, **found}
-    if not found:
-        return Rival("", results, {})
-    reached = {name: common_budget(rows, against) for name, rows in found.items()}
-    budget = min(filter(None, reached.values()), default=0.0)
-    means = {
-        name: score(found[name][found[name]["subgoal_layers"] == 0], budget, against).mean()
-        for name, own in reached.items()
-        if own
-    }
-    best = max(means, key=means.__getitem__, default=next(iter(found)))
-    return Rival(best, found.pop(best), found)
 
 
 def beats_flat(grid: Grid, flats: Flats) -> Claim:

@@ -199,7 +199,7 @@ def test_command_line_prints_and_writes_every_claim(make_grid, tmp_path, capsys)
     assert page.count("| (") == 7
     costs = (output / "costs.md").read_text().splitlines()
     rows = [line.split(" | ") for line in costs if line.startswith("| pendulum_climb")]
-    assert [row[1] for row in rows] == ["1 against 0", "2 against 0"]
+    assert [row[1] for row in rows] == ["1 against 0", "2 against 0"] * 2
     assert all(
         float(cell.split()[0]) > 0 for cell in rows[0][2:]
     )  # it learns faster, and costs as much

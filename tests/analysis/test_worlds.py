@@ -8,8 +8,8 @@ import pytest
 from analysis import worlds
 
 CURVES = {
-    0: [[0.0, 0.1, 0.2]] * 7,
-    1: [[0.0, 0.8, 0.9 + 0.01 * seed] for seed in range(7)],
+    0: [[0.0, 0.1, 0.2, 0.2]] * 7,
+    1: [[0.0, 0.8, 0.9, 0.9 + 0.01 * seed] for seed in range(7)],
 }
 
 
@@ -20,7 +20,7 @@ def folder(make_run):
     data = make_run(CURVES, task="reacher").parent
     td3 = data.parent / f"{data.name}_td3"
     td3.mkdir()
-    strong = make_run({0: [[0.0, 1.0, 1.0]] * 7}, task="strong")
+    strong = make_run({0: [[0.0, 1.0, 1.0, 1.0]] * 7}, task="strong")
     shutil.move(strong, td3 / "reacher")
     results = td3 / "reacher" / "results.csv"
     results.write_text(results.read_text().replace("strong", "reacher"))

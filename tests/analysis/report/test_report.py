@@ -257,9 +257,9 @@ def test_text_stands_out_from_its_ground_in_both_schemes(make_run):
 
 
 def test_the_verdict_and_the_best_agent_are_in_the_first_lines(make_run):
-    curves = {0: [[0.0, 0.1, 0.2]] * 6, 1: [[0.0, 0.8, 0.9]] * 6}
+    curves = {0: [[0.0, 0.1, 0.2, 0.2]] * 6, 1: [[0.0, 0.8, 0.8, 0.9]] * 6}
     text = " ".join(Page(write_report(make_run(curves))).text.split())
-    assert "After 600 training episodes, the agent with 1 subgoal layer achieves 90.0%" in text
+    assert "After 900 training episodes, the agent with 1 subgoal layer achieves 90.0%" in text
     assert "Hierarchy against the flat agent: with 1 subgoal layer it helps at equal " in text
     alone = make_run({1: [[0.0, 0.5]]}, task="ur5_reacher")
     text = " ".join(Page(write_report(alone)).text.split())
