@@ -64,7 +64,10 @@ class Episode:
 
 
 def _row(what: str, value: Any, size: int) -> np.ndarray:
-    row = np.asarray(value, np.float64)
+    try:
+        row = np.asarray(value, np.float64)
+    except (TypeError, ValueError):  # such as Gymnasium's dict of observations
+        row = np.empty(())
     if row.shape != (size,) or not np.isfinite(row).all():
         raise ValueError(_WRONG.format(what=what, size=size, value=value))
     return row[np.newaxis]

@@ -29,6 +29,12 @@ class _Part:
     def _require_counts(self, *names: str) -> None:
         for name in names:
             self._require(name, getattr(self, name) >= 1, "at least 1")
+        self._require_whole(*names)
+
+    def _require_whole(self, *names: str) -> None:
+        for name in names:
+            value = getattr(self, name)
+            self._require(name, int(value) == value, "a whole number")
 
     def _require_one_of(self, name: str, *words: str) -> None:
         self._require(name, getattr(self, name) in words, "one of " + ", ".join(words))
@@ -63,6 +69,7 @@ class HierarchyConfig(_Part):
     def _check_hierarchy(self) -> None:
         self._require_shares("subgoal_test_rate", "random_action_rate", "random_subgoal_rate")
         self._require_amounts("action_noise", "subgoal_noise", "hindsight_goals")
+        self._require_whole("hindsight_goals")
         self._require_one_of("test_draw", "top", "each_level")
         self._require_one_of("hindsight_relabels", "preceding", "segment", "future")
 
@@ -121,6 +128,7 @@ class LearnerConfig(_Part):
         self._require_shares("discount", "target_rate", "tested_actor_rate")
         self._require_amounts("saturation_penalty", "target_noise", "target_noise_clip")
         self._require_amounts("upper_updates_per_episode")
+        self._require_whole("upper_updates_per_episode")
         self._require_counts("batch_size", "updates_per_episode", "replay_capacity", "policy_delay")
         self._require("learning_rate", 0 < self.learning_rate < math.inf, "above zero")
         self._require("initial_q", -1 < self.initial_q < 0, "between -1 and 0")

@@ -137,14 +137,19 @@ class Policy:
         return self._episode.act(observation, goal, achieved_subgoal)
 
     def save(self, path: str | Path, metadata: dict[str, Any]) -> None:
-        """Writes `path`.safetensors and `path`.json."""
+        """Writes `path`.safetensors and `path`.json, over what is there.
+
+        Args:
+            metadata: what the description holds besides `horizons`, in JSON's types. The task's
+                name, and the config that `q_values` needs, belong here.
+        """
         tensors = {
             f"level{level}.{prefix}layer{layer}": weight[0, : _outputs(network, layer)].contiguous()
             for prefix, networks in (("", self.networks), (_CRITIC, self.critics))
             for level, network in enumerate(networks)
             for layer, weight in enumerate(network.weights)
         }
-        description = {"horizons": list(self.horizons), **metadata}
+        description = {**metadata, "horizons": list(self.horizons)}
         policy_files.write(Path(path), tensors, description)
 
     @classmethod

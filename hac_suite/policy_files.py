@@ -31,7 +31,7 @@ def paths(path: Path) -> tuple[Path, Path]:
 
 def write(path: Path, tensors: Mapping[str, torch.Tensor], description: Mapping[str, Any]) -> None:
     """Writes both files."""
-    described = {"format": _FORMAT, **description}
+    described = {**description, "format": _FORMAT}
     # Not `save_file`: it lets nobody else read the file, and a kill leaves its temporary one.
     data = safetensors.torch.save(dict(tensors), {"description": json.dumps(described)})
     weights, text = paths(path)

@@ -101,11 +101,29 @@ class VectorEnv(Spaces, Protocol):
         mask: np.ndarray | None = None,
         test: bool = False,
     ) -> EnvStep:
-        """Starts an episode in each masked environment; `seeds[i]` alone decides the i-th."""
+        """Starts an episode in each masked environment.
+
+        Args:
+            seeds: [N] integers in [0, 2**32); `seeds[i]` alone decides the i-th episode. None
+                leaves them to the environment.
+            mask: [N] bool, the environments to reset; None resets all. The others keep their
+                values.
+            test: whether to begin from the test starts.
+        """
         ...
 
     def step(self, actions: np.ndarray, mask: np.ndarray | None = None) -> EnvStep:
-        """One control step with torques [N, A] in each masked environment."""
+        """One control step in each masked environment; the others keep their values.
+
+        Args:
+            actions: [N, A] in natural units, such as torques, between `action_low` and
+                `action_high`.
+            mask: [N] bool; None steps all.
+
+        Returns:
+            What all environments show. One that diverged became unstable: its step counts for
+            nothing, and it stays as it is until its reset.
+        """
         ...
 
 

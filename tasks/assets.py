@@ -39,9 +39,12 @@ def action_bounds(filename: str) -> tuple[np.ndarray, np.ndarray]:
     The file is parsed and not compiled. Its actuators are the task's, in their order.
 
     Raises:
-      FileNotFoundError, ValueError: as `load_mjcf`, or an actuator without a control range.
+      FileNotFoundError, ValueError: as `load_mjcf`, or there is no actuator, or one without a
+        control range.
     """
     actuators = load_mjcf(filename).find_all("actuator")
+    if not actuators:
+        raise ValueError(f"{filename} has no actuators, so there is nothing to act with")
     ranges = np.array([_control_range(*own, filename) for own in enumerate(actuators)])
     return ranges[:, 0], ranges[:, 1]
 

@@ -114,7 +114,10 @@ class GoalTask(composer.Task):
         return np.zeros(readings.shape[:-1], dtype=bool)
 
     def apply_event(self, physics) -> None:
-        """Changes the model's state, such as switching on a constraint. Touches `data` only."""
+        """Changes the model's state, such as switching on a constraint. Touches `data` only.
+
+        `physics` has MuJoCo's own `model` and `data`, and nothing else.
+        """
         raise NotImplementedError(f"{type(self).__name__} has no event to apply")
 
     @property
@@ -124,11 +127,14 @@ class GoalTask(composer.Task):
 
     @abc.abstractmethod
     def place_goal_marker(self, physics, goal: np.ndarray) -> None:
-        """Shows the end goal [G]."""
+        """Shows the end goal [G]; `physics` has MuJoCo's own `model` and `data`, nothing else."""
 
     @abc.abstractmethod
     def place_subgoal_marker(self, physics, level: int, subgoal: np.ndarray | None) -> None:
-        """Shows the subgoal [H] for a level (0 = the lowest); hides its marker for None."""
+        """Shows the subgoal [H] for a level (0 = the lowest); hides its marker for None.
+
+        `physics` has MuJoCo's own `model` and `data`, and nothing else.
+        """
 
     # An episode.
 

@@ -14,6 +14,7 @@ from dm_control import composer
 
 # Importing a task's module registers it; this order is the order of `ALL`.
 # isort: off
+from tasks.errors import one_line
 from tasks.families import pendulum  # noqa: F401
 from tasks.families import ur5_reacher  # noqa: F401
 from tasks.families import cartpole  # noqa: F401
@@ -62,7 +63,7 @@ def find(word: str) -> registry.Entry:
         entry = look(word)
         if entry is not None:
             return entry
-    remedy = _did_you_mean(word, registry.names()) or _ANY.format(names=_listed(registry.names()))
+    remedy = _did_you_mean(word, registry.names()) or _ANY.format(names=", ".join(registry.names()))
     raise ValueError(_UNKNOWN.format(word=word, remedy=remedy))
 
 
@@ -117,7 +118,7 @@ def _in_a_file(word: str) -> registry.Entry | None:
     if not name and found:
         raise ValueError(_NO_NAME.format(path=path, name=next(iter(found))))
     remedy = _did_you_mean(name, found) or (
-        f"it registers {_listed(found)}"
+        f"it registers {', '.join(found)}"
         if found
         else "it registers no task with tasks.registry.add"
     )
@@ -170,6 +171,7 @@ def _remembered(entry: registry.Entry) -> registry.Entry:
     return entry
 
 
+_FOUND: dict[str, registry.Entry] = {}  # in files of one's own, by name
 # What can answer a word, asked in turn. Words of another form get a function of their own here,
 # which returns None for words that are not of its form.
 _LOOKS: tuple[Callable[[str], registry.Entry | None], ...] = (
@@ -177,9 +179,8 @@ _LOOKS: tuple[Callable[[str], registry.Entry | None], ...] = (
     _in_gymnasium,
     _in_a_file,
     _with_settings,
-    lambda word: _FOUND.get(word),
+    _FOUND.get,
 )
-_FOUND: dict[str, registry.Entry] = {}  # in files of one's own, by name
 
 
 @functools.cache
@@ -214,7 +215,7 @@ def _broken(path: Path, error: BaseException) -> str:
         line, reason = error.lineno, f"it is not Python: {error.msg}"
     else:
         line = line_in(str(path), error)
-        reason = " ".join(f"{type(error).__name__}: {error}".split())
+        reason = one_line(error)
     return _BROKEN.format(path=path, where=f", line {line}" if line else "", error=reason)
 
 
@@ -227,7 +228,3 @@ def line_in(path: str, error: BaseException) -> int | None:
 def _did_you_mean(word: str, valid: Iterable[str]) -> str | None:
     closest = difflib.get_close_matches(word, list(valid), n=1, cutoff=0.5)
     return f"did you mean {closest[0]!r}?" if closest else None
-
-
-def _listed(valid: Iterable[str]) -> str:
-    return ", ".join(valid)

@@ -13,7 +13,7 @@ from dm_control.rl import control
 from tasks import base
 
 _MOST_ENVS = 100_000  # at a time; each has a simulation of its own
-_SEEDS = 2**32  # seeds lie in [0, 2**32)
+SEEDS = 2**32  # episode seeds lie in [0, 2**32)
 _NOT_FINITE = "environment {env}: {error}"
 _STATE = mujoco.mjtState.mjSTATE_INTEGRATION  # what a row of the batch's `state` holds
 _SENSORS_CURRENT = mujoco.mjtStage.mjSTAGE_VEL
@@ -49,6 +49,37 @@ def check_number(num_envs: int) -> None:
     """Raises ValueError for a number of environments that there cannot be."""
     if not 1 <= num_envs <= _MOST_ENVS:
         raise ValueError(f"num_envs must be from 1 to {_MOST_ENVS}, got {num_envs}")
+
+
+def episode_seeds(
+    seeds: np.ndarray | None, num_envs: int, stream: np.random.RandomState
+) -> np.ndarray:
+    """The seeds [N] that a reset was given, or the next ones of a stream.
+
+    Raises:
+      ValueError: they are not N integers in [0, 2**32).
+    """
+    if seeds is None:
+        return stream.randint(0, SEEDS, size=num_envs, dtype=np.int64)
+    found = np.asarray(seeds)
+    whole = found.shape == (num_envs,) and found.dtype.kind in "iu"
+    if not whole or found.min() < 0 or found.max() >= SEEDS:
+        raise ValueError(f"seeds must be {num_envs} integers in [0, 2**32), got {seeds}")
+    return found
+
+
+def masked(mask: np.ndarray | None, num_envs: int) -> np.ndarray:
+    """The environments that a mask [N] chooses, in order; None chooses all.
+
+    Raises:
+      ValueError: it is not N booleans.
+    """
+    if mask is None:
+        return np.arange(num_envs)
+    mask = np.asarray(mask)
+    if mask.shape != (num_envs,) or mask.dtype != bool:
+        raise ValueError(f"mask must be {num_envs} booleans, got {mask!r}")
+    return np.flatnonzero(mask)
 
 
 class VectorEnv:
@@ -120,12 +151,8 @@ class VectorEnv:
           ValueError: a seed out of range, an argument of the wrong shape, or a closed environment.
         """
         self._check_open()
-        chosen = self._chosen(mask)
-        if seeds is None:
-            seeds = self._seeds.randint(0, _SEEDS, size=self.num_envs, dtype=np.int64)
-        seeds = np.asarray(seeds)
-        if seeds.shape != (self.num_envs,) or seeds.min() < 0 or seeds.max() >= _SEEDS:
-            raise ValueError(f"seeds must be {self.num_envs} integers in [0, 2**32), got {seeds}")
+        chosen = masked(mask, self.num_envs)
+        seeds = episode_seeds(seeds, self.num_envs, self._seeds)
         for i in chosen.tolist():
             self._reset_one(i, int(seeds[i]), test)
         return self._view()
@@ -163,7 +190,7 @@ class VectorEnv:
             environment and the action), an argument has the wrong shape, or it is closed.
         """
         self._check_open()
-        chosen = self._chosen(mask)
+        chosen = masked(mask, self.num_envs)
         chosen = chosen[~self._diverged[chosen]]
         actions = np.asarray(actions, dtype=np.float64)
         if actions.shape != (self.num_envs, self.action_low.size):
@@ -240,14 +267,6 @@ class VectorEnv:
             diverged=self._diverged.copy(),
         )
 
-    def _chosen(self, mask: np.ndarray | None) -> np.ndarray:
-        if mask is None:
-            return np.arange(self.num_envs)
-        mask = np.asarray(mask)
-        if mask.shape != (self.num_envs,) or mask.dtype != bool:
-            raise ValueError(f"mask must be {self.num_envs} booleans, got {mask!r}")
-        return np.flatnonzero(mask)
-
     def _check_finite(self, actions: np.ndarray, chosen: np.ndarray) -> None:
         bad = chosen[~np.isfinite(actions[chosen]).all(axis=-1)]
         if bad.size:
@@ -266,7 +285,15 @@ class VectorEnv:
         self._change(i, lambda physics: self._task.place_subgoal_markers(physics, subgoals))
 
     def move_goal(self, i: int, goal: np.ndarray) -> VectorStep:
-        """Gives environment i's episode another end goal [G], in natural units, and shows it."""
+        """Gives environment i's episode another end goal [G], in natural units, and shows it.
+
+        Raises:
+          ValueError: the goal has another shape, or is not finite; or a closed environment.
+        """
+        self._check_open()
+        goal = np.asarray(goal, np.float64)
+        if goal.shape != (self.goal_space.dim,) or not np.isfinite(goal).all():
+            raise ValueError(f"a goal is {self.goal_space.dim} finite numbers, got {goal}")
         self._goals[i] = goal
         self._change(i, lambda physics: self._task.place_goal_marker(physics, goal))
         return self._view()
@@ -292,8 +319,8 @@ class VectorEnv:
         """Returns a picture of environment i, uint8 [height, width, 3], without disturbing it."""
         self._check_open()
         mujoco.mj_setState(self._model, self._physics.data.ptr, self._batch.state[i], _STATE)
-        mujoco.mj_kinematics(self._model, self._physics.data.ptr)
-        mujoco.mj_camlight(self._model, self._physics.data.ptr)
+        # All that pictures show: bodies, flexes, cameras that follow, lights, and tendons.
+        mujoco.mj_fwdPosition(self._model, self._physics.data.ptr)
         return self._physics.render(height=height, width=width, camera_id=camera).copy()
 
     def snapshot(self) -> dict[str, Any]:

@@ -41,13 +41,15 @@ def episode_seeds(seed: int, purpose: Purpose, first: int, count: int) -> np.nda
 
 
 class Draws(NamedTuple):
-    """Draws of one round of N environments over H steps; lists hold one array per level."""
+    """Draws of one round of N environments; lists hold one array per level."""
 
-    normal: list[np.ndarray]  # [N, H, A_i] Gaussian noise of the output chosen at a step
-    uniform: list[np.ndarray]  # [N, H, A_i] in [-1, 1]: the random action
-    explore: list[np.ndarray]  # [N, H] in [0, 1): below random_action_rate, the random action
-    test: list[np.ndarray]  # [N, H] in [0, 1): below subgoal_test_rate, a subgoal test
-    hindsight: list[np.ndarray]  # [N, H, K] in [0, 1): picks for what a step completed
+    normal: list[np.ndarray]  # [N, steps, A_i] Gaussian noise of the output chosen at a step
+    uniform: list[np.ndarray]  # [N, steps, A_i] in [-1, 1]: the random action
+    # [N, steps] in [0, 1): the random output below random_action_rate, above level 0 below
+    # random_subgoal_rate.
+    explore: list[np.ndarray]
+    test: list[np.ndarray]  # [N, steps] in [0, 1): below subgoal_test_rate, a subgoal test
+    hindsight: list[np.ndarray]  # [N, steps, K] in [0, 1): picks for what a step completed
 
 
 def draw_round(

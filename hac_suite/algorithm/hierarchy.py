@@ -16,7 +16,10 @@ from hac_suite.types import Actor, EnvStep, Spaces, VectorEnv, failed
 
 
 class StepView(NamedTuple):
-    """What `on_step` receives, before step 0 and after every step."""
+    """What `on_step` receives, before step 0 and after every step.
+
+    The lists hold live arrays, which the next step overwrites: copy what you keep.
+    """
 
     step: int
     active: np.ndarray  # bool [N]

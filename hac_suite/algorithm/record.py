@@ -66,9 +66,9 @@ class LevelRecord(NamedTuple):
 class Round(NamedTuple):
     """One episode of each of N environments."""
 
-    observation: np.ndarray  # [H + 1, N, D]
-    achieved_goal: np.ndarray  # [H + 1, N, G]
-    achieved_subgoal: np.ndarray  # [H + 1, N, H]
+    observation: np.ndarray  # [steps + 1, N, D]
+    achieved_goal: np.ndarray  # [steps + 1, N, G]
+    achieved_subgoal: np.ndarray  # [steps + 1, N, H]
     levels: list[LevelRecord]
     success: np.ndarray  # bool [N]: the end goal was achieved
     steps: np.ndarray  # int [N]: primitive actions taken

@@ -38,9 +38,10 @@ class Adam:
         other._bind(network)
         return other
 
-    def tensors(self, seed: int) -> dict[str, torch.Tensor]:
+    def tensors(self, index: int) -> dict[str, torch.Tensor]:
         """Views of one seed's state."""
-        return {"first": self.first[seed], "second": self.second[seed], "steps": self.steps[seed]}
+        own = {"first": self.first, "second": self.second, "steps": self.steps}
+        return {name: rows[index] for name, rows in own.items()}
 
     def step(self) -> None:
         """Updates the network's parameters by its gradient."""

@@ -26,8 +26,8 @@ _CACHED_ROWS = 256  # of a batch, at a time, on a CPU
 class BoundedCritic:
     """Maps a critic's raw output x to Q = -F * sigmoid(x + offset), in (-F, 0) [R20].
 
-    No return lies outside: see `critic_floor`. `offset` makes an untrained critic (x near 0)
-    optimistic: Q near `initial_q`.
+    Targets are clipped to [-F, 0]: see `critic_floor`. `offset` makes an untrained critic (x near
+    0) optimistic: Q near `initial_q`.
     """
 
     def __init__(self, floor: float, initial_q: float):
@@ -47,11 +47,11 @@ class BoundedCritic:
 
 
 def critic_floor(attempts: int, config: Config) -> float:
-    """F > 0: every return of a level with so many attempts is at least -F.
+    """F > 0: the worst that a level with so many attempts can do is worth -F.
 
     Each attempt costs 1, and T_i of them are all a level has: F = T_i [R20]. Discounted, they cost
     1 + g + ... + g^(T_i - 1) together, which is far less where T_i is large: 50 for 500 attempts
-    at g = 0.98.
+    at g = 0.98. What lies below, such as a penalty of -T_i, counts as -F.
     """
     g = config.discount
     if config.critic_floor == "attempts" or g == 1:
@@ -102,9 +102,9 @@ class DDPG(Learner):
         self.actor = StackedMLP(seeds, (features, *sizes), device=device)
         sizes = (*config.hidden_sizes, 1)
         self.critic = StackedMLP(seeds, (features + spec.action_dim, *sizes), device=device)
-        for seed, generator in enumerate(generators):
-            self.actor.initialise(seed, generator)
-            self.critic.initialise(seed, generator)
+        for index, generator in enumerate(generators):
+            self.actor.initialise(index, generator)
+            self.critic.initialise(index, generator)
         self.target_actor = self.actor.twin() if config.target_rate else self.actor
         self.target_critic = self.critic.twin() if config.target_rate else self.critic
         self.tested_actor = self.actor.twin() if config.tested_actor_rate else self.actor
@@ -127,16 +127,16 @@ class DDPG(Learner):
         part.critic_optimiser = self.critic_optimiser.of_seeds(start, stop, part.critic)
         return part
 
-    def tensors(self, seed: int) -> dict[str, torch.Tensor]:
+    def tensors(self, index: int) -> dict[str, torch.Tensor]:
         """Views of all that one seed's updates have made: networks and optimisers."""
         networks = {"actor": self.actor, "critic": self.critic}
         if self._target_rate:
             networks |= {"target_actor": self.target_actor, "target_critic": self.target_critic}
         if self._tested_rate:
             networks["tested_actor"] = self.tested_actor
-        found = {name: network.parameters[seed] for name, network in networks.items()}
+        found = {name: network.parameters[index] for name, network in networks.items()}
         for name, optimiser in (("actor", self.actor_optimiser), ("critic", self.critic_optimiser)):
-            found |= {f"{name}.{part}": of for part, of in optimiser.tensors(seed).items()}
+            found |= {f"{name}.{part}": of for part, of in optimiser.tensors(index).items()}
         return found
 
     def parameters(self) -> list[torch.Tensor]:

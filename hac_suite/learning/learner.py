@@ -27,7 +27,7 @@ class Learner(Protocol):
                 run episodes with learner.tested_actor
                 results.csv gets learner.diagnose(rows)       # rows [S, B, width]
             at a checkpoint, for each seed:
-                save learner.tensors(seed)    # to resume: what was saved is copied into them
+                save learner.tensors(index)   # to resume: what was saved is copied into them
 
     What keeps seeds independent and resuming exact:
 
@@ -68,8 +68,8 @@ class Learner(Protocol):
         """Learns from rows [S, B, width], as `replay.RowLayout` lays them out (overwritten)."""
 
     @abstractmethod
-    def tensors(self, seed: int) -> dict[str, torch.Tensor]:
-        """Views of one seed's learnt state, by name."""
+    def tensors(self, index: int) -> dict[str, torch.Tensor]:
+        """Views of one seed's learnt state, by name; `index` is its row, from 0 to S - 1."""
 
     @abstractmethod
     def parameters(self) -> list[torch.Tensor]:

@@ -1,9 +1,11 @@
 """The learners by name: the values of `Config.learner` and their classes."""
 
 import difflib
+import functools
 import importlib
 import importlib.util
 import sys
+import traceback
 import zlib
 from pathlib import Path
 from types import ModuleType
@@ -36,7 +38,7 @@ def find(word: str) -> type[Any]:  # of Learner, which needs the config, which n
     """The learner of that name, or the user's class in FILE.py:CLASS.
 
     Raises:
-        ValueError: there is none.
+        ValueError: there is none, or its file cannot be run.
     """
     check(word)
     if word in LEARNERS:
@@ -60,15 +62,26 @@ def find(word: str) -> type[Any]:  # of Learner, which needs the config, which n
 def _loaded(file: Path) -> ModuleType:
     if not file.is_file():
         raise ValueError(f"learner is in {str(file)!r}, and there is no such file.")
+    return _run(file.resolve())
+
+
+@functools.cache
+def _run(file: Path) -> ModuleType:
     # A name that no other module has, so that two files may be called alike.
-    name = f"{file.stem}_{zlib.crc32(str(file.resolve()).encode()):08x}"
-    spec = importlib.util.spec_from_file_location(name, file.resolve())
+    name = f"{file.stem}_{zlib.crc32(str(file).encode()):08x}"
+    spec = importlib.util.spec_from_file_location(name, file)
     assert spec and spec.loader
     module = importlib.util.module_from_spec(spec)
     sys.modules[name] = module  # as for an import: dataclasses look for their module there
     try:
         spec.loader.exec_module(module)
-    except BaseException:
+    except (Exception, SystemExit) as error:  # a file of one's own can raise anything
         del sys.modules[name]
-        raise
+        steps = traceback.extract_tb(error.__traceback__)
+        line = next((step.lineno for step in reversed(steps) if step.filename == str(file)), None)
+        where = f", line {line}" if line else ""
+        raise ValueError(
+            f"learner is in {str(file)!r}, which cannot be run{where}: "
+            f"{type(error).__name__}: {error}"
+        ) from error
     return module

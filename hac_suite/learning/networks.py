@@ -101,15 +101,15 @@ class StackedMLP:
         other._bind(parameters, gradient)
         return other
 
-    def initialise(self, seed: int, generator: torch.Generator, last: float = 3e-3) -> None:
-        """Draws one seed's parameters: fan-in uniform, the last layer uniform in +-`last`."""
+    def initialise(self, index: int, generator: torch.Generator, last: float = 3e-3) -> None:
+        """Draws one row's parameters: fan-in uniform, the last layer uniform in +-`last`."""
         for layer, weight in enumerate(self.weights):
             final = layer == len(self.weights) - 1
             bound = last if final else (weight.shape[2] - 1) ** -0.5
             drawn = torch.rand(weight.shape[1:], generator=generator) * (2 * bound) - bound
             if final:
                 drawn[self.outputs :] = 0
-            weight[seed] = drawn
+            weight[index] = drawn
 
     def forward(self, inputs: torch.Tensor) -> torch.Tensor:
         """[S, inputs + 1, B], the last row ones -> [S, outputs, B]; reuses its buffers."""

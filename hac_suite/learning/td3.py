@@ -34,14 +34,16 @@ class TD3(DDPG):
         generators: list[torch.Generator],
         device: torch.device | str = "cpu",
     ):
+        if not config.target_rate:
+            raise ValueError("target_rate must be above 0: TD3 has target networks")
         super().__init__(spec, config, generators, device)
         self._noise = config.target_noise
         self._noise_clip = config.target_noise_clip
         self._delay = config.policy_delay
         sizes = (*self.critic.sizes[:-1], self.critic.outputs)
         self.second_critic = StackedMLP(len(generators), sizes, device=device)
-        for seed, generator in enumerate(generators):
-            self.second_critic.initialise(seed, generator)
+        for index, generator in enumerate(generators):
+            self.second_critic.initialise(index, generator)
         self.target_second = self.second_critic.twin()
         self.second_optimiser = Adam(self.second_critic, config.learning_rate)
         self._bases = [int(torch.randint(_BASES, (), generator=each)) for each in generators]
@@ -54,12 +56,12 @@ class TD3(DDPG):
         part._bases = self._bases[start:stop]
         return part
 
-    def tensors(self, seed: int) -> dict[str, torch.Tensor]:
-        optimiser = self.second_optimiser.tensors(seed)
+    def tensors(self, index: int) -> dict[str, torch.Tensor]:
+        optimiser = self.second_optimiser.tensors(index)
         return {
-            **super().tensors(seed),
-            "second_critic": self.second_critic.parameters[seed],
-            "target_second_critic": self.target_second.parameters[seed],
+            **super().tensors(index),
+            "second_critic": self.second_critic.parameters[index],
+            "target_second_critic": self.target_second.parameters[index],
             **{f"second_critic.{part}": of for part, of in optimiser.items()},
         }
 

@@ -55,7 +55,12 @@ def train(
 
     Args:
         make_env: makes a vectorised environment of the given size.
-        horizons: (T_0, ..., T_n), n = subgoal_layers.
+        config: the hyperparameters, of all levels and seeds.
+        seeds: one or more different integers of at least 0.
+        subgoal_layers: n, the number of levels above the lowest.
+        horizons: (T_0, ..., T_n).
+        periods: test periods after training began; each follows `config.episodes_per_period`
+            episodes of each seed. The untrained one comes first, so there are one more results.
         device: where the agents learn; "cuda" takes a round of updates as one CUDA graph.
         start: the seeds' states at an earlier boundary, all from the same episode; the training
             resumes there, with the next test period. They are read one by one, because they are
@@ -65,8 +70,10 @@ def train(
 
     Raises:
         ValueError: seeds repeat, horizons do not match subgoal_layers, `make_env` is an environment
-            and not a function, or `start` is not of these seeds and this config.
+            and not a function, or `start` is not of these seeds and this config, or of a later
+            episode than the last.
     """
+    seeds = tuple(int(seed) for seed in seeds)  # also numpy's
     if len(set(seeds)) != len(seeds) or not seeds:
         raise ValueError(f"Give one or more different seeds, not {list(seeds)}.")
     if not callable(make_env):
@@ -74,9 +81,10 @@ def train(
     if isinstance(horizons, Mapping) or len(horizons) != subgoal_layers + 1:
         count = subgoal_layers + 1
         raise ValueError(_HORIZONS.format(layers=subgoal_layers, count=count, horizons=horizons))
-    training = Training(make_env, config, tuple(seeds), horizons, device)
+    training = Training(make_env, config, seeds, horizons, device)
     if start is not None:
         training.restore(start)
+        training.check_end(periods)
     return training.run(periods, callback or Callback())
 
 
@@ -179,6 +187,19 @@ class Training:
                     f"The states of the seeds are from different episodes: {sorted(episodes)}."
                 )
             (self._episodes,) = episodes
+
+    def check_end(self, periods: int) -> None:
+        """Checks that the training does not stand beyond the end of so many periods.
+
+        Raises:
+            ValueError: it does; its policies would be later ones.
+        """
+        end = periods * self._config.episodes_per_period
+        if self._episodes > end:
+            raise ValueError(
+                f"The states are from episode {self._episodes}, beyond the end of {periods} "
+                f"periods, which is episode {end}."
+            )
 
     def run(self, periods: int, callback: Callback) -> Iterator[PeriodResult]:
         """Trains and tests from where it stands until `periods` are done.

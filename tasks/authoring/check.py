@@ -3,6 +3,7 @@
 import ast
 import inspect
 import textwrap
+import types
 from collections.abc import Callable, Iterator
 from typing import Any, Literal, NamedTuple
 
@@ -10,6 +11,7 @@ import mujoco
 import numpy as np
 
 from tasks import base, finding, registry
+from tasks.errors import one_line
 from tasks.worlds import estimates, fitted, seen
 
 Verdict = Literal["good", "doubtful", "wrong"]
@@ -82,7 +84,7 @@ def fault(entry: registry.Entry) -> Finding | None:
 
 def _broken(entry: registry.Entry, what: str, error: Exception) -> Finding:
     """An exception, with the last line of the task's file that it came through."""
-    reason = " ".join(f"{type(error).__name__}: {error}".split())
+    reason = one_line(error)
     file = entry.word.rpartition(":")[0]
     line = finding.line_in(file, error)
     if line is None:
@@ -240,6 +242,23 @@ def _shapes(entry: registry.Entry) -> Iterator[Finding]:
         yield Finding("good", "functions of readings work on arrays")
 
 
+def _hooks(entry: registry.Entry) -> Iterator[Finding]:
+    """Markers, events and readings must do with MuJoCo's structures, which is what they get."""
+    environment = entry.load(seed=0)
+    environment.reset()
+    task, spec = environment.task, entry.spec
+    model, data = environment.physics.model.ptr, environment.physics.data.ptr
+    bare = types.SimpleNamespace(model=model, data=data)
+    inside = (spec.subgoal_space.low + spec.subgoal_space.high) / 2
+    task.readings(bare)
+    task.place_goal_marker(bare, task.goal)
+    task.place_subgoal_markers(bare, [inside])
+    task.place_subgoal_markers(bare, [])
+    if task.has_event:
+        task.apply_event(bare)
+    yield Finding("good", "readings, markers and events do with MuJoCo's model and data")
+
+
 def _actions(entry: registry.Entry, envs: int) -> np.ndarray:
     spec = entry.spec
     return np.random.RandomState(0).uniform(
@@ -358,6 +377,7 @@ def _learnable(entry: registry.Entry) -> Iterator[Finding]:
 
 _CHECKS: dict[str, Callable[[registry.Entry], Iterator[Finding]]] = {
     "cameras and lights": _cameras,
+    "readings, markers and events in training": _hooks,
     "functions of readings": _shapes,
     "an episode as in training and in Composer": _same_as_composer,
     "the same episode twice": _deterministic,

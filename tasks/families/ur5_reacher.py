@@ -1,11 +1,11 @@
-"""UR5 reacher: bring the effector of a UR5 to a random point in front of it, a quarter turn away.
+"""UR5 reacher: bring the effector of a UR5 to a random point, about a quarter turn away.
 
 The arm has the real robot's kinematics, link masses, torque and speed limits; its weight is
 compensated, as the real controller does.
 
 A goal is where the effector is in some configuration of the arm, so it is within reach. Both its
 shoulder pan and its direction from the base differ from the start's by 45 to 135 degrees, to
-either side: the quadrant in front of and opposite to the gripper's start.
+either side.
 
 Test starts: the arm bent with the gripper pointing down, each joint within 0.1 rad of that and
 the pan within 0.3. Training starts: pan within 90 degrees, shoulder, elbow and the first two wrist

@@ -9,6 +9,7 @@ from gymnasium.utils import seeding
 from gymnasium.vector.utils import batch_space
 
 from tasks.to_gymnasium import shared
+from tasks.vector import SEEDS
 
 _NO_LIMIT = 2**62
 
@@ -43,7 +44,8 @@ class GoalVectorEnv(shared.Face, gymnasium.vector.VectorEnv):
         Args:
           name: one of `tasks.ALL`, or any other word that `tasks.find` knows.
           test: whether episodes begin from the test starts rather than the training starts.
-          max_episode_steps: steps after which episodes are truncated; None: they never are.
+          max_episode_steps: steps after which episodes are truncated; None: only those that
+            diverge are, and those of a third-party environment after its own limit.
           render_mode: None or "rgb_array".
 
         Raises:
@@ -99,7 +101,7 @@ class GoalVectorEnv(shared.Face, gymnasium.vector.VectorEnv):
         """Starts the episodes that each environment's own generator draws."""
         seeds = np.zeros(self.num_envs, np.int64)
         for i in np.flatnonzero(mask):
-            seeds[i] = self._random[i].integers(shared.SEEDS)
+            seeds[i] = self._random[i].integers(SEEDS)
         self._steps[mask], self._ended[mask] = 0, False
         return self._env.reset(seeds, mask=mask, test=test)
 

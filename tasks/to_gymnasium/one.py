@@ -8,6 +8,10 @@ import gymnasium
 import numpy as np
 
 from tasks.to_gymnasium import shared
+from tasks.vector import SEEDS
+
+# What a copy has of its own besides the simulation.
+_CARRIED = ("_np_random", "_np_random_seed", "_steps", "spec", "action_space", "observation_space")
 
 
 class GoalEnv(shared.Face, gymnasium.Env):
@@ -66,7 +70,7 @@ class GoalEnv(shared.Face, gymnasium.Env):
         """
         test = shared.checked_options(options).get("test", self._test)
         super().reset(seed=seed)
-        episode_seed = self.np_random.integers(shared.SEEDS)
+        episode_seed = self.np_random.integers(SEEDS)
         step = self._env.reset(np.array([episode_seed]), test=test)
         self._steps = 0
         return self._observation(step), self._info(step)
@@ -107,11 +111,13 @@ class GoalEnv(shared.Face, gymnasium.Env):
           TypeError: it is a third-party environment.
         """
         made = (self._name, self._test, self.render_mode)
-        return _stand_in, made, (self._env.snapshot(), self._np_random, self._np_random_seed)
+        carried = {name: vars(self)[name] for name in _CARRIED if name in vars(self)}
+        return _stand_in, made, (self._env.snapshot(), carried)
 
     def __setstate__(self, state: Any) -> None:
-        snapshot, self._np_random, self._np_random_seed = copy.deepcopy(state)
+        snapshot, carried = copy.deepcopy(state)
         self._env.restore(snapshot)
+        vars(self).update(carried)
 
     def _observation(self, step) -> dict[str, np.ndarray]:
         return {key: getattr(step, key)[0] for key in shared.OBSERVED}

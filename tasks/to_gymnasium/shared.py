@@ -8,13 +8,13 @@ import gymnasium
 import numpy as np
 
 from tasks import finding
+from tasks.errors import one_line
 from tasks.goal_space import GoalSpace
 from tasks.vector import VectorEnv
 
 RENDER_MODES = ["rgb_array"]
 OBSERVED = ("observation", "achieved_goal", "desired_goal")
 _OPTIONS = ("test",)
-SEEDS = 2**32  # episode seeds lie in [0, 2**32)
 _NO_OPTION = "reset() has no option {name!r}; its options are {options}"
 _NOT_A_BOOLEAN = "reset() takes test=True or test=False, got {value!r}"
 _NO_GL = (
@@ -107,7 +107,7 @@ def picture(env: VectorEnv, i: int) -> np.ndarray:
     except Exception as error:  # MuJoCo's FatalError, dm_control's and OpenGL's own
         chosen = os.environ.get("MUJOCO_GL")
         now = f" (it is {chosen!r})" if chosen else ""
-        reason = " ".join(f"{type(error).__name__}: {error}".split())
+        reason = one_line(error)
         raise RuntimeError(_NO_GL.format(error=reason, now=now)) from error
 
 

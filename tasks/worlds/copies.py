@@ -10,6 +10,7 @@ import gymnasium
 import mujoco
 import numpy as np
 
+from tasks.errors import one_line
 from tasks.worlds import making
 
 _NO_GOAL = (
@@ -279,7 +280,7 @@ class EnvCopy:
                 count = f"{len(returned)} things" if isinstance(returned, tuple) else "no tuple"
                 raise TypeError(_RETURNED.format(given=count, wanted=", ".join(wanted)))
         except Exception as error:  # another's code can raise anything
-            reason = " ".join(f"{type(error).__name__}: {error}".split())
+            reason = one_line(error)
             options = f"options={given['options']}" if given.get("options") else ""
             what = f"{method}({options}){making.place(error)}"
             raise EnvFailed(
@@ -305,7 +306,7 @@ class Pool:
         Raises:
           ValueError: HAC cannot train on it; one line says why.
         """
-        self.word, self._make, self._options = word, making.CompiledOnce(make), options
+        self.word, self._make, self.options = word, making.CompiledOnce(make), options
         first = self._make()
         self.actions = making.check_actions(word, first.action_space)
         self.reader = Reader(word, first, options)
@@ -322,10 +323,6 @@ class Pool:
     def env(self) -> gymnasium.Env:
         """The first copy, for what does not change between episodes."""
         return self._copies[0].env
-
-    @property
-    def options(self) -> Options:
-        return self._options
 
     @property
     def copy_bytes(self) -> int:
@@ -383,7 +380,7 @@ class Pool:
         """The start of an episode, step by step; after its end, its last view."""
         rng = np.random.default_rng(_PROBE_SEED)
         low, high = self.actions.low.ravel(), self.actions.high.ravel()
-        view, over = copy.reset(seed, self._options.train, None), False
+        view, over = copy.reset(seed, self.options.train, None), False
         yield view
         for _ in range(_PROBE_STEPS):
             action = rng.uniform(low, high)

@@ -304,7 +304,7 @@ def attempts(played: Played, max_steps: int, layers: int, width: np.ndarray) -> 
         first += max(1, first // 8)
     rest = math.ceil(max_steps / first)
     each = max(1, math.ceil(rest ** (1 / layers)))
-    while each > 1 and each ** (layers - 1) * (each - 1) >= rest:
+    if each > 1 and each ** (layers - 1) * (each - 1) >= rest:
         return (first, *(each,) * (layers - 1), each - 1)
     return (first, *(each,) * layers)
 

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from tasks import goal_space
+from tasks.errors import one_line
 
 Judge = Callable[[np.ndarray, np.ndarray], np.ndarray]  # achieved, goal [..., G] -> bool [...]
 
@@ -83,7 +84,7 @@ def by_reward(
     try:
         found = rewards.one_by_one(a, g)
     except Exception as error:  # another's function can raise anything
-        reason = " ".join(f"{type(error).__name__}: {error}".split())
+        reason = one_line(error)
         raise ValueError(_NEEDS_INFO.format(word=word, error=reason)) from error
     least = _least_of_success(word, found, len(goals))
     ask = rewards.at_once if _same(rewards.at_once, a, g, found) else rewards.one_by_one

@@ -19,6 +19,8 @@ import gymnasium
 import mujoco
 import numpy as np
 
+from tasks.errors import one_line
+
 _NO_MODULE = (
     "{word}: there is no module {module!r} to import, which should register {id!r}; name a file "
     "of your own without .py, and put its folder on PYTHONPATH"
@@ -103,7 +105,7 @@ def _import(word: str, id: str) -> None:
             with _without_notices_of_others(id):
                 importlib.import_module(each)
         except Exception as error:  # another's module can raise anything
-            reason = " ".join(f"{type(error).__name__}: {error}".split())
+            reason = one_line(error)
             missing = isinstance(error, ModuleNotFoundError) and error.name in _parents(each)
             why = _NO_MODULE if missing else _BROKEN_MODULE
             raise ValueError(why.format(word=word, module=each, id=name, error=reason)) from error
@@ -133,7 +135,7 @@ def _installed(package: str) -> bool:
 
 
 def _why(word: str, id: str, args: Mapping[str, Any], error: Exception) -> str:
-    reason = " ".join(f"{type(error).__name__}: {error}".split())
+    reason = one_line(error)
     if isinstance(error, gymnasium.error.UnregisteredEnv) and ":" not in id:
         reason += _UNKNOWN_HINT.format(id=id)
     given = "".join(f", {name}={value!r}" for name, value in args.items())
@@ -292,13 +294,6 @@ def method(env: gymnasium.Env, name: str) -> Callable | None:
         return env.get_wrapper_attr(name)
     except AttributeError:
         return None
-
-
-def compute_reward(env: gymnasium.Env) -> Callable:
-    """Its method of this name; it must have one."""
-    found = method(env, "compute_reward")
-    assert found is not None
-    return found
 
 
 class CompiledOnce(Generic[T]):

@@ -1,5 +1,6 @@
 """The word `gym:ID` or `gym:module:ID`, with all that other processes need to make the task."""
 
+import dataclasses
 import functools
 import hashlib
 import importlib.metadata
@@ -121,8 +122,13 @@ def _named(
     word: str,
 ) -> registry.Entry:
     origin = {**_origin(world, plain, options), "settings": entry.settings.as_json()}
-    own = {"name": _name(plain, options), "word": word, "origin": origin}
-    return fitted.FittedEntry(**{**_fields(entry), **own, "notes": (*entry.notes, _ESTIMATED)})
+    return dataclasses.replace(
+        entry,
+        name=_name(plain, options),
+        word=word,
+        origin=origin,
+        notes=(*entry.notes, _ESTIMATED),
+    )
 
 
 def _origin(world: World, plain: str, options: Mapping[str, Any]) -> dict[str, Any]:
@@ -132,10 +138,6 @@ def _origin(world: World, plain: str, options: Mapping[str, Any]) -> dict[str, A
     if " " not in package and source:  # no version that says what it holds
         found["source"] = hashlib.sha256(Path(source).read_bytes()).hexdigest()[:16]
     return found
-
-
-def _fields(entry: fitted.FittedEntry) -> dict[str, Any]:
-    return {name: getattr(entry, name) for name in entry.__dataclass_fields__}
 
 
 def _name(plain: str, options: Mapping[str, Any]) -> str:

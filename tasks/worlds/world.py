@@ -8,6 +8,7 @@ import mujoco
 import numpy as np
 
 from tasks import vector
+from tasks.errors import one_line
 from tasks.worlds import estimates, fitted, judging, making
 from tasks.worlds.copies import EnvCopy, Options, Pool, View, finite
 
@@ -23,7 +24,6 @@ _TAKEN = (
     "{word}: another VectorEnv of this task has begun episodes in the same copies, which "
     "tasks.find(...) shares; call tasks.from_gymnasium to get separate ones"
 )
-_SEEDS = 2**32  # seeds lie in [0, 2**32)
 _FRAMES = 30  # a second of video, where the environment does not say
 _THRESHOLDS = "{word}: --goal_threshold has {given} numbers; give one, or {count}"
 _GOALS = 1  # marks the random stream of end goals, apart from the environment's own
@@ -103,7 +103,7 @@ class World:
         achieved, goals = (np.stack(part) for part in zip(*pairs, strict=True))
         return judging.by_reward(
             self.word,
-            making.compute_reward(self.pool.env),
+            self.pool.env.get_wrapper_attr("compute_reward"),
             reader.goal_shape,
             reader.goal_dtype,
             achieved,
@@ -174,14 +174,10 @@ class Adapter:
           ValueError: seeds that are not N integers in [0, 2**32).
           EnvFailed: an environment raised something.
         """
-        if seeds is None:
-            seeds = self._seeds.randint(0, _SEEDS, size=self.num_envs, dtype=np.int64)
-        seeds = np.asarray(seeds)
-        if seeds.shape != (self.num_envs,) or seeds.min() < 0 or seeds.max() >= _SEEDS:
-            raise ValueError(f"seeds must be {self.num_envs} integers in [0, 2**32), got {seeds}")
+        seeds = vector.episode_seeds(seeds, self.num_envs, self._seeds)
         options = self._pool.options.test if test else self._pool.options.train
         self._copies = self._pool.copies(self.num_envs, self)  # others, after `close`
-        for i in self._chosen(mask):
+        for i in vector.masked(mask, self.num_envs).tolist():
             copy, seed = self._copies[i], int(seeds[i])
             copy.owner = self
             view = copy.reset(seed, options, self._draw_goal(seed))
@@ -206,7 +202,8 @@ class Adapter:
         Those that diverged, or that ended their episode, stay as they are.
 
         Raises:
-          ValueError: an action is not finite, or an argument has the wrong shape.
+          ValueError: an action is not finite, an argument has the wrong shape, or no episode has
+            begun.
           EnvFailed: an environment raised something.
           RuntimeError: its copy plays for somebody else now.
         """
@@ -214,8 +211,10 @@ class Adapter:
         if actions.shape != (self.num_envs, len(self.action_low)):
             wanted = (self.num_envs, len(self.action_low))
             raise ValueError(f"actions must have shape {wanted}, got {actions.shape}")
-        assert self._shown is not None, "call reset before step"
-        chosen, finite_actions = self._chosen(mask), np.isfinite(actions).all(axis=1)
+        if self._shown is None:
+            raise ValueError("no episode has begun: call reset before step")
+        chosen = vector.masked(mask, self.num_envs).tolist()
+        finite_actions = np.isfinite(actions).all(axis=1)
         for i in chosen:
             if not finite_actions[i]:
                 raise ValueError(f"environment {i}: actions must be finite, got {actions[i]}")
@@ -258,14 +257,6 @@ class Adapter:
         assert self._shown is not None
         return Step(*(part.copy() for part in self._shown))
 
-    def _chosen(self, mask: np.ndarray | None) -> Sequence[int]:
-        if mask is None:
-            return range(self.num_envs)
-        mask = np.asarray(mask)
-        if mask.shape != (self.num_envs,) or mask.dtype != bool:
-            raise ValueError(f"mask must be {self.num_envs} booleans, got {mask!r}")
-        return np.flatnonzero(mask).tolist()
-
     def show_subgoals(self, i: int, subgoals: Sequence[np.ndarray | None]) -> None:
         """Nothing: there are no markers in others' scenes."""
 
@@ -298,7 +289,7 @@ class Adapter:
         except NotImplementedError:
             picture = None
         except Exception as error:  # another's code can raise anything
-            reason = " ".join(f"{type(error).__name__}: {error}".split())
+            reason = one_line(error)
             raise making.NoFrames(f"{self._world.word}: its render() failed: {reason}") from error
         if not isinstance(picture, np.ndarray) or picture.ndim != 3:
             raise making.NoFrames(f"{self._world.word}: it renders no frames ('rgb_array')")

@@ -27,6 +27,8 @@ def test_presets_differ_from_each_other():
         ("random_action_rate", -0.1),
         ("action_noise", -1.0),
         ("batch_size", 0),
+        ("batch_size", 2.5),
+        ("hindsight_goals", 1.5),
         ("hindsight_goals", -1),
         ("learning_rate", 0.0),
         ("initial_q", 0.5),

@@ -262,3 +262,8 @@ def test_weights_that_say_nothing_of_themselves_are_described_by_the_file_beside
     tensors = safetensors.torch.load_file(tmp_path / "p.safetensors")
     safetensors.torch.save_file(tensors, tmp_path / "p.safetensors")  # as earlier versions did
     assert Policy.load(tmp_path / "p").metadata["period"] == 2
+
+
+def test_metadata_cannot_pose_as_what_the_policy_is(policy, tmp_path):
+    policy.save(tmp_path / "p", {"horizons": [18, 18], "format": "another", "task": "point"})
+    assert Policy.load(tmp_path / "p").horizons == HORIZONS

@@ -289,3 +289,12 @@ def test_files_are_not_written_over_unasked(arm, capsys):
 def test_wrong_words_are_answered_in_one_line(word, said, capsys):
     assert check_task.main(["check_task", word]) == 2
     assert said in capsys.readouterr().err
+
+
+def test_markers_that_want_more_than_training_gives_are_found(arm):
+    text = arm.read_text()
+    head = "def place_subgoal_marker(self, physics, level, subgoal):"
+    assert head in text
+    arm.write_text(text.replace(head, f"{head}\n        physics.named.data.qpos", 1))
+    found = until_said(arm, "has no attribute 'named'")
+    assert found.verdict == "wrong" and "markers and events in training" in found.text

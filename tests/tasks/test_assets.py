@@ -64,3 +64,10 @@ def test_an_actuator_without_bounds_is_named(tmp_path):
     file.write_text(_MOTORS.replace('    <motor ctrlrange="-5 5"/>\n', ""))
     with pytest.raises(ValueError, match=r"'default' of .*motors\.xml.* needs a ctrlrange"):
         assets.action_bounds(str(file))
+
+
+def test_a_model_without_actuators_is_named(tmp_path, monkeypatch):
+    monkeypatch.setattr(assets, "MJCF_DIRECTORY", tmp_path)
+    (tmp_path / "still.xml").write_text("<mujoco><worldbody/></mujoco>")
+    with pytest.raises(ValueError, match="has no actuators"):
+        assets.action_bounds("still.xml")

@@ -161,6 +161,7 @@ def test_spaces_and_scales_are_at_hand():
 @pytest.mark.parametrize("name", ["pick_place", "pendulum_climb"])
 def test_a_copy_goes_on_from_where_the_environment_stands(name, copy_of):
     env = gymnasium.make(_IDS[name], test=True).unwrapped
+    env.action_space.seed(3)
     env.reset(seed=4)
     action = np.full(env.action_space.shape, 0.4)
     for _ in range(5):
@@ -171,6 +172,8 @@ def test_a_copy_goes_on_from_where_the_environment_stands(name, copy_of):
         for key, value in ours[0].items():
             np.testing.assert_array_equal(value, theirs[0][key])
         assert ours[1:4] == theirs[1:4]
+    assert twin.spec == env.spec and twin.spec is not None
+    np.testing.assert_array_equal(env.action_space.sample(), twin.action_space.sample())
     for _ in range(2):  # and the episodes that follow are the same
         np.testing.assert_array_equal(env.reset()[0]["observation"], twin.reset()[0]["observation"])
 

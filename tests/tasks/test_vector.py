@@ -288,5 +288,22 @@ def test_wrong_arguments_are_refused():
         env.reset(np.array([-1, 0]))
     with pytest.raises(ValueError, match="seeds"):
         env.reset(np.array([0, 2**32]))
+    with pytest.raises(ValueError, match="seeds"):
+        env.reset(np.array([0.7, 1.0]))
     with pytest.raises(ValueError, match="num_envs"):
         tasks.load_vector(tasks.ALL[0], 0)
+    before = env.reset(np.array([0, 1])).desired_goal
+    for goal in (np.nan, np.zeros(env.goal_space.dim + 1), np.full(env.goal_space.dim, np.inf)):
+        with pytest.raises(ValueError, match="finite numbers"):
+            env.move_goal(0, goal)
+    np.testing.assert_array_equal(env._view().desired_goal, before)
+
+
+def test_a_camera_that_follows_is_where_the_environment_is():
+    env = tasks.load_vector("pick_place", 2)
+    env._model.cam_mode[0] = mujoco.mjtCamLight.mjCAMLIGHT_TRACKCOM
+    env._model.cam_bodyid[0] = env._model.nbody - 1
+    for i in (1, 0):
+        env.render(i, height=8, width=8)
+        drawn = env._physics.data.cam_xpos[0]
+        np.testing.assert_allclose(drawn, env.simulation(i)[1].cam_xpos[0], atol=1e-9)

@@ -105,6 +105,19 @@ def test_a_word_that_is_no_learner_is_answered(word, message):
         learners.find(word)
 
 
+def test_a_file_that_cannot_be_run_is_answered_with_its_line(tmp_path):
+    (tmp_path / "mine.py").write_text("\nimport no_such_module\n")
+    with pytest.raises(ValueError, match=r"cannot be run, line 2: ModuleNotFoundError: No module"):
+        learners.find(f"{tmp_path}/mine.py:Mine")
+
+
+def test_a_file_is_run_once(tmp_path):
+    text = "from hac_suite.learning.ddpg import DDPG\nclass Mine(DDPG):\n    pass\n"
+    (tmp_path / "mine.py").write_text(text)
+    word = f"{tmp_path}/mine.py:Mine"
+    assert learners.find(word) is learners.find(word)
+
+
 def test_a_file_without_the_class_is_answered(tmp_path):
     (tmp_path / "mine.py").write_text("Other = 3\n")
     for name in ("Mine", "Other"):

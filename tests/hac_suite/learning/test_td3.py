@@ -168,3 +168,8 @@ def test_the_critics_differ_from_the_start():
     learner = a_learner(TD3)
     assert not torch.equal(learner.critic.parameters, learner.second_critic.parameters)
     assert torch.equal(learner.target_second.parameters, learner.second_critic.parameters)
+
+
+def test_a_learner_derived_from_it_needs_target_networks_too():
+    with pytest.raises(ValueError, match="TD3 has target networks"):
+        a_learner(type("Mine", (TD3,), {}), target_rate=0.0)

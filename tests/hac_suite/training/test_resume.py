@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import torch
 
+import hac_suite
 import tasks
 from analysis.reading import schema
 from hac_suite import checkpoint
@@ -262,3 +263,12 @@ def test_a_real_task_resumed_equals_uninterrupted(tmp_path):
 @pytest.mark.parametrize("task", tasks.ALL)
 def test_every_task_resumed_equals_uninterrupted(task, layers, learner, tmp_path):
     _resumed_equals_uninterrupted(task, layers, tmp_path, seeds=[2, 7], learner=learner)
+
+
+def test_a_state_beyond_the_end_that_is_asked_for_is_refused(tmp_path):
+    start = stopped_at(4, tmp_path, 1)  # within the second period
+    given = dict(subgoal_layers=1, horizons=horizons(20, 1), start=start)
+    with pytest.raises(ValueError, match="beyond the end of 1 periods, which is episode 12"):
+        hac_suite.train(make_env, TINY, np.array(SEEDS), periods=1, **given)
+    *_, last = hac_suite.train(make_env, TINY, np.array(SEEDS), periods=2, **given)
+    assert last.period == 2
