@@ -15,7 +15,7 @@ from launch.folder import manifest, needs
 from launch.folder.agents import Agent, Job
 from launch.folder.layout import RunFolder
 from launch.jobs import checkpointing, lost_jobs, on_ray, planning, worker
-from launch.jobs.checkpointing import Standing
+from launch.jobs.checkpointing import ResumePoint
 from launch.jobs.local import StopSignal, execute
 from launch.jobs.messages import Hooks
 from launch.jobs.progress import Board
@@ -45,19 +45,19 @@ class Launch(NamedTuple):
         self.console.say(text)
 
 
-class Seeds(NamedTuple):
+class AgentSeeds(NamedTuple):
     """Where the seeds stand that are asked for of one agent."""
 
     agent: Agent
     finished: tuple[int, ...]
-    interrupted: Mapping[int, Standing]  # they go on from their checkpoints
+    interrupted: Mapping[int, ResumePoint]  # they go on from their checkpoints
     new: tuple[int, ...]  # they start from nothing
     again: tuple[int, ...]  # of the new: those that have a policy, but not all of their rows
     warnings: Sequence[str]
 
-    def missing(self, request: Request) -> dict[int, Standing]:
+    def missing(self, request: Request) -> dict[int, ResumePoint]:
         """Where each seed begins that is to be trained, in the order that they were asked for."""
-        begins = {**self.interrupted, **dict.fromkeys(self.new, Standing(0, []))}
+        begins = {**self.interrupted, **dict.fromkeys(self.new, ResumePoint(0, []))}
         return {seed: begins[seed] for seed in request.seeds if seed in begins}
 
 
@@ -84,14 +84,14 @@ def run(request: Request, command: Sequence[str], *, work=worker.train_job) -> i
         _lock(there, held)
         # What is refused is refused before a folder is made.
         doubts.refuse_faults(request)
-        standing = _standing(launch, _interrupted(launch, there))
-        jobs = _jobs(launch, standing)
-        said = [*_other_code(launch, standing), *_doubts(launch, jobs)]
+        agents = _agent_seeds(launch, _interrupted(launch, there))
+        jobs = _jobs(launch, agents)
+        said = [*_other_code(launch, agents), *_doubts(launch, jobs)]
         _lock([folder for folder in folders.values() if folder not in there], held)
         for line in (*doubts.notes(request), *doubts.short(request), *said):
             launch.say(line)
         recorder = _recorder(launch, command, jobs)
-        _prepare(launch, recorder, standing)
+        _prepare(launch, recorder, agents)
         _train(launch, recorder, jobs, work)
         if stop.number is None:
             summary.present(folders.values(), request, launch.console, stop)
@@ -182,7 +182,9 @@ def _manifest(folder: RunFolder, request: Request) -> manifest.Manifest:
     return found
 
 
-def _standing(launch: Launch, found: Mapping[Agent, checkpointing.Interrupted]) -> list[Seeds]:
+def _agent_seeds(
+    launch: Launch, found: Mapping[Agent, checkpointing.Interrupted]
+) -> list[AgentSeeds]:
     """Where the seeds of every agent stand that is asked for."""
     nothing = checkpointing.Interrupted({}, [])
     return [
@@ -192,20 +194,20 @@ def _standing(launch: Launch, found: Mapping[Agent, checkpointing.Interrupted]) 
     ]
 
 
-def _jobs(launch: Launch, standing: Iterable[Seeds]) -> list[Job]:
+def _jobs(launch: Launch, agents: Iterable[AgentSeeds]) -> list[Job]:
     """The jobs that are left."""
     missing = defaultdict[planning.Group, list[int]](list)
-    for seeds in standing:
+    for seeds in agents:
         for seed, begins in seeds.missing(launch.request).items():
             missing[planning.Group(seeds.agent, begins.train_episodes)].append(seed)
     groups = {group: tuple(seeds) for group, seeds in missing.items()}
     return planning.plan(groups, launch.workers, _episodes(launch.request))
 
 
-def _other_code(launch: Launch, standing: Iterable[Seeds]) -> Iterator[str]:
+def _other_code(launch: Launch, agents: Iterable[AgentSeeds]) -> Iterator[str]:
     """Warns of runs that other code began than is to go on with them."""
     now = manifest.commit()
-    for task in sorted({seeds.agent.task for seeds in standing if seeds.interrupted}):
+    for task in sorted({seeds.agent.task for seeds in agents if seeds.interrupted}):
         then = (manifest.read(launch.folders[task].manifest) or {}).get("commit")
         if then and now and then != now:
             yield (
@@ -257,10 +259,10 @@ def _size_of(request: Request) -> Callable[[Job], needs.Size]:
     return size_of
 
 
-def _prepare(launch: Launch, recorder: Recorder, standing: Iterable[Seeds]) -> None:
+def _prepare(launch: Launch, recorder: Recorder, agents: Iterable[AgentSeeds]) -> None:
     """Says where all seeds stand, and readies the folders."""
     runs: dict[str, dict[tuple[int, int], list]] = {task: {} for task in launch.folders}
-    for seeds in standing:
+    for seeds in agents:
         task, layers = seeds.agent
         late = _not_kept(launch.folders[task], seeds, launch.request)
         for line in (*seeds.warnings, *_said(seeds, launch.request), *late):
@@ -279,27 +281,27 @@ def _episodes(request: Request) -> int:
 
 def _seeds(
     folder: RunFolder, agent: Agent, request: Request, interrupted: checkpointing.Interrupted
-) -> Seeds:
-    finished, standings = folder.finished(agent, request.periods), interrupted.standings
-    new = [seed for seed in request.seeds if seed not in finished and seed not in standings]
-    return Seeds(
+) -> AgentSeeds:
+    finished, points = folder.finished(agent, request.periods), interrupted.points
+    new = [seed for seed in request.seeds if seed not in finished and seed not in points]
+    return AgentSeeds(
         agent,
         finished=tuple(seed for seed in request.seeds if seed in finished),
-        interrupted=standings,
+        interrupted=points,
         new=tuple(new),
         again=tuple(seed for seed in new if folder.has_policy(agent.subgoal_layers, seed)),
         warnings=interrupted.warnings,
     )
 
 
-def _said(seeds: Seeds, request: Request) -> list[str]:
+def _said(seeds: AgentSeeds, request: Request) -> list[str]:
     """What a person is told of seeds that do not simply start."""
     lines = []
     if seeds.finished:
         done = len(seeds.finished)
         lines.append(f"{seeds.agent}: {done} of {len(request.seeds)} seeds are finished already")
     if seeds.interrupted:
-        episodes = sorted({standing.train_episodes for standing in seeds.interrupted.values()})
+        episodes = sorted({point.train_episodes for point in seeds.interrupted.values()})
         lines.append(
             f"{seeds.agent}: {len(seeds.interrupted)} seed(s) resume from episode "
             + ", ".join(map(str, episodes))
@@ -312,7 +314,7 @@ def _said(seeds: Seeds, request: Request) -> list[str]:
     return lines
 
 
-def _not_kept(folder: RunFolder, seeds: Seeds, request: Request) -> Iterator[str]:
+def _not_kept(folder: RunFolder, seeds: AgentSeeds, request: Request) -> Iterator[str]:
     """Says which policies of earlier test periods are asked for, but were not kept in time."""
     behind = dict.fromkeys(seeds.finished, request.periods + 1)
     behind |= {seed: len(own.rows) for seed, own in seeds.interrupted.items()}

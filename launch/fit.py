@@ -27,7 +27,7 @@ from analysis.reading.files import write_text
 from hac_suite.types import level_specs
 from launch.asking import doubts, lists
 from launch.asking.console import Console
-from tasks.worlds import estimates, seen
+from tasks.worlds import cautions, estimates
 from tasks.worlds.copies import EnvFailed
 from tasks.worlds.estimates import Played
 from tasks.worlds.settings import Settings, as_toml
@@ -138,7 +138,7 @@ def fit(task: tasks.Unfitted, train_episodes: int, say: Callable[[str], None]) -
     if learnt:
         about = task.about._replace(max_steps=settings.max_steps)  # as the agent's episodes had
         settings = estimates.settings(about, everything)
-    warned = seen.warnings(task.about, random, everything, settings, task.own)
+    warned = cautions.warnings(task.about, random, everything, settings, task.own)
     return Fit(settings, random, learnt, list(warned))
 
 
@@ -217,7 +217,7 @@ def _episodes_table(found: Fit) -> Table:
         table.add_column(heading, justify="left" if heading == "episodes" else "right")
     for name, played in (("random", found.random), ("flat agent, briefly trained", found.learnt)):
         if played is not None:
-            cells = [f"{share:.0%}" for share in seen.shares(played)]
+            cells = [f"{share:.0%}" for share in cautions.shares(played)]
             table.add_row(name, str(len(played.steps)), *cells)
     return table
 

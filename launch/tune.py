@@ -186,10 +186,8 @@ def _learner(name: str | None) -> str | None:
     settings.to_config({**settings.as_json(hac_suite.Config()), "learner": name})
     try:
         learners.find(name)
-    except (Exception, SystemExit) as error:  # a file of one's own is code: it can do anything
-        kind = "" if isinstance(error, ValueError) else f"{type(error).__name__}: "
-        why = " ".join(f"{kind}{error}".split())
-        raise CommandError(f"flag --learner={name}: {why}") from error
+    except ValueError as error:
+        raise CommandError(f"flag --learner={name}: {error}") from error
     return name
 
 

@@ -60,8 +60,8 @@ EXCEPTIONS = {
     "tasks/worlds/making.py": {"gymnasium"},
     "tasks/worlds/world.py": {"gymnasium"},
     "tasks/to_gymnasium/__init__.py": {"gymnasium"},
-    "tasks/to_gymnasium/many.py": {"gymnasium"},
-    "tasks/to_gymnasium/one.py": {"gymnasium"},
+    "tasks/to_gymnasium/vector_env.py": {"gymnasium"},
+    "tasks/to_gymnasium/env.py": {"gymnasium"},
     "tasks/to_gymnasium/shared.py": {"gymnasium"},
     "launch/jobs/on_ray.py": {"ray"},
     "launch/pictures/stage.py": {"mujoco"},  # bodies as they are compiled

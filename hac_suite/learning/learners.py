@@ -80,8 +80,6 @@ def _run(file: Path) -> ModuleType:
         steps = traceback.extract_tb(error.__traceback__)
         line = next((step.lineno for step in reversed(steps) if step.filename == str(file)), None)
         where = f", line {line}" if line else ""
-        raise ValueError(
-            f"learner is in {str(file)!r}, which cannot be run{where}: "
-            f"{type(error).__name__}: {error}"
-        ) from error
+        why = " ".join(f"{type(error).__name__}: {error}".split())
+        raise ValueError(f"learner is in {str(file)!r}{where}, which fails: {why}") from error
     return module

@@ -17,7 +17,6 @@ from analysis import program
 from hac_suite.learning import learners
 from hac_suite.learning.learner import Learner
 from launch.asking import lists, settings
-from tasks import finding
 
 CONFIGS = Path(__file__).parents[1] / "configs"
 DEFAULT_CONFIG = CONFIGS / "suite.py"
@@ -96,7 +95,7 @@ def read(values: flags.FlagValues, argv: Sequence[str], config: Path = DEFAULT_C
 
 
 def _of_config(error: BaseException) -> str:
-    """One line on what went wrong in a config file or a learner's file."""
+    """One line on what went wrong in a config file."""
     if isinstance(error, SystemExit):
         return f"config: its file ends the program ({error})"
     lines = str(error).splitlines() or [""]
@@ -253,11 +252,8 @@ def _learner(word: str) -> type[Learner]:
     """Raises CommandError where it is a class of one's own that cannot be loaded."""
     try:
         return learners.find(word)
-    except (Exception, SystemExit) as error:  # a file of one's own is code: it can do anything
-        file = word.rpartition(":")[0]
-        line = finding.line_in(str(Path(file).resolve()), error)
-        where = f" ({file}, line {line})" if line else ""
-        raise program.CommandError(f"{_of_config(error)}{where}") from error
+    except ValueError as error:
+        raise program.CommandError(f"config: {error}") from error
 
 
 def _device(word: str, on_gpu: bool) -> str:

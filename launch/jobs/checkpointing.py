@@ -40,7 +40,7 @@ _WITHOUT_FINAL = "more --periods will extend an earlier checkpoint, if there is 
 _RESULTS_DEPEND_ON = ("dm-control", "mujoco", "numpy", "torch")
 
 
-class Standing(NamedTuple):
+class ResumePoint(NamedTuple):
     """An interrupted run (an agent and a seed) as its newest whole checkpoint has it."""
 
     train_episodes: int
@@ -69,7 +69,7 @@ class Setup(NamedTuple):
 class Interrupted(NamedTuple):
     """Those of an agent's seeds that have a whole checkpoint."""
 
-    standings: dict[int, Standing]  # by seed
+    points: dict[int, ResumePoint]  # by seed
     warnings: list[str]  # what a person should know of damaged checkpoints, and of versions
 
 
@@ -104,7 +104,7 @@ def interrupted(
         warnings += _of_damage(setup.agent, seed, begins, complaints)
         if newest is not None and begins:
             differing |= _check(file, newest, setup.about(seed))
-            found[seed] = Standing(begins, _rows(file, newest, setup.agent, seed))
+            found[seed] = ResumePoint(begins, _rows(file, newest, setup.agent, seed))
             _check_length(file, found[seed], setup, seed, periods)
         elif ended and seed in ended:
             stuck[seed] = complaints
@@ -126,10 +126,10 @@ def _of_damage(agent: Agent, seed: int, begins: int, complaints: Sequence[str]) 
     return [*(f"warning: {complaint}" for complaint in complaints), f"{agent}, seed {seed}: {then}"]
 
 
-def _check_length(file: Path, standing: Standing, setup: Setup, seed: int, periods: int) -> None:
+def _check_length(file: Path, point: ResumePoint, setup: Setup, seed: int, periods: int) -> None:
     """Raises CommandError where a seed has gone beyond the periods that are asked for."""
-    if standing.train_episodes > periods * setup.config.episodes_per_period:
-        tested = len(standing.rows)
+    if point.train_episodes > periods * setup.config.episodes_per_period:
+        tested = len(point.rows)
         raise CommandError(
             _LONGER_RUN.format(
                 agent=setup.agent, seed=seed, period=tested - 1, least=tested, file=file

@@ -38,4 +38,4 @@ def again(
     recorder.add(job, [row for seed in sorted(found) for row in found[seed].rows])
     if len(found) < len(job.seeds):
         return job._replace(start=0)
-    return job._replace(start=min(standing.train_episodes for standing in found.values()))
+    return job._replace(start=min(point.train_episodes for point in found.values()))

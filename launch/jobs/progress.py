@@ -104,11 +104,11 @@ class Board:
             str(seeds),
             f"{slowest.episodes}/{slowest.total}",
             f"{success / weight:.0%}" if weight else "-",
-            _standing(states),
+            _status(states),
         )
 
 
-def _standing(states: list[_JobState]) -> str:
+def _status(states: list[_JobState]) -> str:
     outcomes = {state.outcome for state in states}
     if "" not in outcomes:
         return "failed" if "failed" in outcomes else "done"

@@ -79,7 +79,7 @@ def carry_out(plan: Plan, workers: int, stop: StopSignal) -> int:
         if process.exitcode not in (0, None):
             failures += 1
             _say(f"a worker ended early, with exit status {process.exitcode}")
-    _say(_standing(study))
+    _say(_best_so_far(study))
     return failures
 
 
@@ -174,7 +174,7 @@ class _Trial:
         value = sum(values.values()) / len(values)
         notes = {**self._record(), "objectives": {s: round(v, 4) for s, v in values.items()}}
         study.complete(claimed, value, **notes)
-        _say(f"{self._name}: objective {value:.3f}; {_standing(study)}")
+        _say(f"{self._name}: objective {value:.3f}; {_best_so_far(study)}")
 
     def _agents(self) -> list[trial.Agent]:
         asked = self._plan.asked
@@ -238,7 +238,7 @@ def _of_budget(spent: float, hours: float) -> str:
     return f"{60 * spent:.1f} of {60 * hours:g} core-minutes used"
 
 
-def _standing(study: Study) -> str:
+def _best_so_far(study: Study) -> str:
     best = study.best()
     if best is None:
         return f"no trial is finished; {_of_budget(study.core_hours(), study.hours)}"

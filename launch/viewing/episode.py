@@ -27,7 +27,7 @@ class Ended(NamedTuple):
         return f"{said} ({self.why})" if self.why else said
 
 
-class Standing(NamedTuple):
+class LevelStatus(NamedTuple):
     """Where a level stands."""
 
     level: int
@@ -118,7 +118,7 @@ class Episode:
         self._state = self._env.move_goal(0, np.clip(goal, space.low, space.high))
         self._begin()
 
-    def standings(self) -> list[Standing]:
+    def statuses(self) -> list[LevelStatus]:
         """Per level, the lowest first."""
         top = len(self._policy.horizons) - 1
         values = hac_suite.q_values(
@@ -129,7 +129,7 @@ class Episode:
             self._hierarchy.goal,
         )
         return [
-            Standing(
+            LevelStatus(
                 level,
                 int(self._hierarchy.attempts[level][0]),
                 None if level == top and self._config.test_until_horizon else allowed,

@@ -289,8 +289,8 @@ class Page:
         self._play.label = "Pause" if player.running else "Play"
         self._play.icon = "player-pause" if player.running else "player-play"
         self._status.content = panel.status(player.episode, self._spec.max_steps, self._spec.title)
-        standings = player.episode.standings()
-        self._levels.content = panel.levels(standings, player.counts, self._stage)
+        statuses = player.episode.statuses()
+        self._levels.content = panel.levels(statuses, player.counts, self._stage)
         self._endings.content = panel.endings(player.recent)
 
 

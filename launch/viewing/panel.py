@@ -7,7 +7,7 @@ import hac_suite
 from launch.pictures.outcomes import COLOURS, SIGNS
 from launch.pictures.stage import Stage
 from launch.pictures.subgoal_log import WORDS
-from launch.viewing.episode import Ended, Episode, Standing
+from launch.viewing.episode import Ended, Episode, LevelStatus
 
 _STYLE = "font-size:0.875rem;line-height:1.45;padding:0 0.75em 0.5em"
 _NO_CHIP = "transparent"
@@ -28,22 +28,22 @@ def status(episode: Episode, max_steps: int, title: str) -> str:
 
 
 def levels(
-    standings: Sequence[Standing], counts: Mapping[int, Mapping[int, int]], stage: Stage
+    statuses: Sequence[LevelStatus], counts: Mapping[int, Mapping[int, int]], stage: Stage
 ) -> str:
     """A row for each level, the top first: its goal's colour, attempts left, Q, and outcomes."""
-    top = len(standings) - 1
-    with_values = all(standing.value is not None for standing in standings)
+    top = len(statuses) - 1
+    with_values = all(status.value is not None for status in statuses)
     heads = ["goal", "attempts left", *(["Q"] if with_values else []), "so far"]
     rows = []
-    for standing in reversed(standings):
-        at_top = standing.level == top
+    for status in reversed(statuses):
+        at_top = status.level == top
         cells = [
-            _chip(_colour(stage, standing.level, top))
-            + ("end goal" if at_top else f"level {standing.level + 1}'s subgoal")
-            + f'<br><span style="{_QUIET}">pursued by level {standing.level}</span>',
-            _attempts(standing),
-            *([f"{standing.value:.1f}"] if with_values else []),
-            "" if at_top else _counts(counts.get(standing.level + 1, {})),
+            _chip(_colour(stage, status.level, top))
+            + ("end goal" if at_top else f"level {status.level + 1}'s subgoal")
+            + f'<br><span style="{_QUIET}">pursued by level {status.level}</span>',
+            _attempts(status),
+            *([f"{status.value:.1f}"] if with_values else []),
+            "" if at_top else _counts(counts.get(status.level + 1, {})),
         ]
         style = "padding:0.25em 0.35em;white-space:nowrap"
         rows.append("".join(f'<td style="{style}">{cell}</td>' for cell in cells))
@@ -68,10 +68,10 @@ def endings(recent: Iterable[Ended]) -> str:
     return f'<div style="{_STYLE}">{"".join(lines) or nothing}</div>'
 
 
-def _attempts(standing: Standing) -> str:
-    if standing.allowed is None:
-        return f"{standing.made} made"
-    return f"{standing.allowed - standing.made} of {standing.allowed}"
+def _attempts(status: LevelStatus) -> str:
+    if status.allowed is None:
+        return f"{status.made} made"
+    return f"{status.allowed - status.made} of {status.allowed}"
 
 
 def _counts(tally: Mapping[int, int]) -> str:

@@ -12,7 +12,7 @@ import numpy as np
 
 from tasks import base, finding, registry
 from tasks.errors import one_line
-from tasks.worlds import estimates, fitted, seen
+from tasks.worlds import cautions, estimates, fitted
 
 Verdict = Literal["good", "doubtful", "wrong"]
 
@@ -360,12 +360,12 @@ def _learnable(entry: registry.Entry) -> Iterator[Finding]:
     about = fitted.about_task(entry)
     played = estimates.random_episodes(entry.load_vector, about)
     found = estimates.settings(about, played)
-    said = list(seen.warnings(about, played, played, found, entry.spec))
+    said = list(cautions.warnings(about, played, played, found, entry.spec))
     for text in said:
         yield Finding("doubtful", text, "see docs/your_own_task.md and `python launch/fit.py`")
-    share = seen.shares(played).succeeded
+    share = cautions.shares(played).succeeded
     if not said:
-        near = seen.nearest(about, played, found)
+        near = cautions.nearest(about, played, found)
         reach = (
             f"{share:.0%} of random episodes reach the goal"
             if share

@@ -5,8 +5,8 @@ from collections.abc import Iterable
 import gymnasium
 
 from tasks import finding
-from tasks.to_gymnasium.many import GoalVectorEnv
-from tasks.to_gymnasium.one import GoalEnv
+from tasks.to_gymnasium.env import GoalEnv
+from tasks.to_gymnasium.vector_env import GoalVectorEnv
 
 __all__ = ["GoalEnv", "GoalVectorEnv", "environment_id", "register_all"]
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from tasks import registry
 from tasks.task_spec import TaskSpec
-from tasks.worlds import estimates, seen
+from tasks.worlds import cautions, estimates
 from tasks.worlds.settings import Settings, spec_of
 
 if TYPE_CHECKING:
@@ -176,13 +176,13 @@ def of_world(
 ) -> FittedEntry:
     """A Gymnasium environment as a task; without settings a few random episodes are played."""
     about, played = world.about(), None
-    warned = () if settings is None else tuple(seen.of_settings(settings))
+    warned = () if settings is None else tuple(cautions.of_settings(settings))
     if settings is None or not about.draws_goals:
         played = estimates.random_episodes(world.adapter, about)
     if settings is None:
         assert played is not None
         settings = estimates.settings(about, played)
-        warned = tuple(seen.warnings(about, played, played, settings, None))
+        warned = tuple(cautions.warnings(about, played, played, settings, None))
     env = world.adapter(1)
     shown = env.reset(np.zeros(1, np.int64)).observation.shape[1]
     goals = shown - len(about.goal_names) if world.pool.reader.adds_goal else shown
@@ -229,7 +229,7 @@ def of_task(entry: registry.Entry, settings: Settings, *, name: str, word: str) 
     return FittedEntry(
         name, word, spec, entry.factory,
         make=entry.load_vector, settings=settings, origin=None, composer=entry,
-        warnings=tuple(seen.of_settings(settings)),
+        warnings=tuple(cautions.of_settings(settings)),
     )  # fmt: skip
 
 

@@ -20,7 +20,7 @@ from launch.folder import manifest, results
 from launch.folder.agents import Agent, Job
 from launch.folder.layout import RunFolder
 from launch.jobs import messages
-from launch.jobs.checkpointing import Standing
+from launch.jobs.checkpointing import ResumePoint
 from launch.jobs.progress import Board
 from launch.jobs.recorder import Recorder
 from launch.pictures import scene, video
@@ -68,8 +68,8 @@ def test_policies_that_were_not_kept_in_time_are_named(tmp_path, capsys):
 def test_an_interrupted_seed_keeps_the_policies_that_it_has_before_it(tmp_path):
     folder, agent = RunFolder(tmp_path, "pendulum_climb"), Agent("pendulum_climb", 1)
     asked = request.parse(["run.py", f"--out={tmp_path}", "--periods=4", "--keep_policies=0,1,3"])
-    standing = Standing(1, [{"period": 0}, {"period": 1}])
-    seeds = experiment.Seeds(agent, (), {0: standing}, (), (), ())
+    point = ResumePoint(1, [{"period": 0}, {"period": 1}])
+    seeds = experiment.AgentSeeds(agent, (), {0: point}, (), (), ())
     (line,) = experiment._not_kept(folder, seeds, asked)
     assert "test period(s) 0, 1 of 1 seed(s)" in line
 

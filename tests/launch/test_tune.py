@@ -308,7 +308,8 @@ def test_a_learner_that_does_not_load_is_said_and_nothing_is_made(tmp_path, caps
     file.write_text(text)
     command = words(tmp_path / "out", more=[f"--learner={file}:Mine"])
     assert tune.main(command, train=fake_trainings.raises) == 2
-    assert capsys.readouterr().err == f"error: flag --learner={file}:Mine: {said}\n"
+    why = f"learner is in '{file}', line 1, which fails: {said}"
+    assert capsys.readouterr().err == f"error: flag --learner={file}:Mine: {why}\n"
     assert not (tmp_path / "out").exists()
 
 

@@ -107,7 +107,7 @@ def test_a_word_that_is_no_learner_is_answered(word, message):
 
 def test_a_file_that_cannot_be_run_is_answered_with_its_line(tmp_path):
     (tmp_path / "mine.py").write_text("\nimport no_such_module\n")
-    with pytest.raises(ValueError, match=r"cannot be run, line 2: ModuleNotFoundError: No module"):
+    with pytest.raises(ValueError, match=r"mine.py', line 2, which fails: ModuleNotFoundError"):
         learners.find(f"{tmp_path}/mine.py:Mine")
 
 

@@ -100,10 +100,10 @@ def test_attempts_left_are_the_horizons_less_those_made():
     env = tasks.load_vector("pick_place", 1)
     policy = policy_of("pick_place", 2)
     episode = Episode(env, policy, 0)
-    assert [(s.made, s.allowed) for s in episode.standings()] == [(0, 7), (0, 7), (0, None)]
+    assert [(s.made, s.allowed) for s in episode.statuses()] == [(0, 7), (0, 7), (0, None)]
     episode.advance()
-    assert episode.standings()[0].made == 1
-    values = [standing.value for standing in episode.standings()]
+    assert episode.statuses()[0].made == 1
+    values = [status.value for status in episode.statuses()]
     assert max(values) <= 0  # Q in units of attempts
 
 

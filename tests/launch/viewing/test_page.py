@@ -14,7 +14,7 @@ from analysis.program import CommandError
 from launch.folder import policies
 from launch.pictures import scene
 from launch.viewing import panel, serving
-from launch.viewing.episode import Standing
+from launch.viewing.episode import LevelStatus
 from launch.viewing.page import Page
 
 pytest.importorskip("viser", exc_type=ImportError)
@@ -184,9 +184,13 @@ def test_nothing_is_published_whatever_a_page_asks_for(server, monkeypatch):
 
 
 def test_q_is_shown_where_there_are_critics(page):
-    without = panel.levels([Standing(0, 1, 7, None), Standing(1, 0, None, None)], {}, page._stage)
+    without = panel.levels(
+        [LevelStatus(0, 1, 7, None), LevelStatus(1, 0, None, None)], {}, page._stage
+    )
     assert "without its critics" in without and "<th" in without and ">Q<" not in without
-    with_q = panel.levels([Standing(0, 1, 7, -2.25), Standing(1, 0, None, -5.0)], {}, page._stage)
+    with_q = panel.levels(
+        [LevelStatus(0, 1, 7, -2.25), LevelStatus(1, 0, None, -5.0)], {}, page._stage
+    )
     assert "-2.2" in with_q and "6 of 7" in with_q and ">Q<" in with_q
 
 

@@ -7,7 +7,7 @@ import pytest
 
 import hac_suite
 import tasks
-from tasks.worlds import estimates, fitted, seen
+from tasks.worlds import cautions, estimates, fitted
 from tasks.worlds.copies import Options
 from tasks.worlds.estimates import Played
 from tasks.worlds.world import World
@@ -27,7 +27,7 @@ def test_scales_are_those_made_by_hand_within_a_factor(own):
     found = np.abs(settings.observation_offset) + settings.observation_scale
     ratio = found / task.own.observation_scale
     assert (ratio > 1 / 4).all() and (ratio < 4).all()
-    assert not [w for w in seen.warnings(task.about, own[1], own[1], settings, task.own)
+    assert not [w for w in cautions.warnings(task.about, own[1], own[1], settings, task.own)
                 if "times off" in w]  # fmt: skip
 
 
@@ -172,7 +172,7 @@ def warned(random: Played, about_=None, everything=None) -> str:
     about_ = about_ or about()
     everything = everything or random
     settings = estimates.settings(about_, everything)
-    return "\n".join(seen.warnings(about_, random, everything, settings, None))
+    return "\n".join(cautions.warnings(about_, random, everything, settings, None))
 
 
 def test_nothing_is_said_of_a_task_that_can_be_learnt():
@@ -215,7 +215,7 @@ def test_a_scale_ten_times_off_is_said():
         title="a", control_timestep=0.1, max_steps=300, goal_space=wrong.goal_space,
         subgoal_space=wrong.subgoal_space, observation=parts, action_bounds=wrong.action_bounds,
     )  # fmt: skip
-    lines = list(seen.warnings(task.about, played, played, settings, bad))
+    lines = list(cautions.warnings(task.about, played, played, settings, bad))
     assert any("angular_velocity is divided by 0.01" in line for line in lines), lines
 
 
@@ -227,7 +227,7 @@ def test_an_offset_of_the_tasks_own_is_reckoned_with():
 
     def lines(offset):
         own = dataclasses.replace(task.own, offset=offset)
-        said = seen.warnings(task.about, far, far, settings, own)
+        said = cautions.warnings(task.about, far, far, settings, own)
         return [line for line in said if "is divided by" in line]
 
     assert lines((0.0, 0.0, 500.0)) == []
@@ -241,7 +241,7 @@ def test_a_toy_that_is_easy_and_one_that_fails():
         world = World("toy", lambda: toys.Point(**habits), Options(), max_steps=40)
         played = estimates.random_episodes(world.adapter, world.about())
         settings = estimates.settings(world.about(), played)
-        return "\n".join(seen.warnings(world.about(), played, played, settings, None))
+        return "\n".join(cautions.warnings(world.about(), played, played, settings, None))
 
     assert "end in failure" in lines(fails_above=0.5)
     assert "end in failure" not in lines()
