@@ -74,17 +74,8 @@ _CAMERAS = {
 }
 
 
-@dataclasses.dataclass(frozen=True)
-class _Sensors:
-    """Columns of the readings, in the order of pendulum.xml's sensors."""
-
-    tip_x: int = 0
-    tip_z: int = 2
-    angle: int = 3
-    angular_velocity: int = 4
-
-
-_SENSORS = _Sensors()
+# Columns of the readings, in the order of pendulum.xml's sensors.
+_TIP_X, _TIP_Z, _ANGLE, _ANGULAR_VELOCITY = 0, 2, 3, 4
 
 
 class Pendulum(base.GoalTask):
@@ -107,14 +98,14 @@ class Pendulum(base.GoalTask):
         super().__init__(arena, spec, markers=shown, test=test)
 
     def observation_parts(self, readings):
-        angle = readings[..., _SENSORS.angle]
+        angle = readings[..., _ANGLE]
         return {
             "angle": np.stack([np.sin(angle), np.cos(angle)], axis=-1),
-            "angular_velocity": readings[..., [_SENSORS.angular_velocity]],
+            "angular_velocity": readings[..., [_ANGULAR_VELOCITY]],
         }
 
     def achieved_goal(self, readings):
-        columns = [_SENSORS.tip_x, _SENSORS.tip_z, _SENSORS.angular_velocity]
+        columns = [_TIP_X, _TIP_Z, _ANGULAR_VELOCITY]
         return readings[..., columns[: self.spec.goal_space.dim]]
 
     def achieved_subgoal(self, readings):

@@ -14,8 +14,6 @@ the rod stands on the floor as in tests, in the other half it already hangs from
 All start at rest.
 """
 
-import dataclasses
-
 import numpy as np
 from dm_control import composer
 
@@ -64,23 +62,18 @@ _SUBGOAL_SPACE = goal_space.GoalSpace(
     ),
 )
 
-
-@dataclasses.dataclass(frozen=True)
-class _Columns:
-    """Columns of the readings: worm.xml's sensors, then rod.xml's, then the constraint."""
-
-    joints: tuple[int, ...] = (0, 1)
-    joint_velocities: tuple[int, ...] = (2, 3)
-    gripper: tuple[int, ...] = (4, 6)
-    rod: tuple[int, ...] = (7, 9)
-    rod_top: tuple[int, ...] = (10, 12)
-    rod_velocity: tuple[int, ...] = (13, 15)
-    rod_axis: tuple[int, ...] = (16, 18)
-    rod_spin: tuple[int, ...] = (19,)
-    attached: tuple[int, ...] = (20,)
-
-
-_COLUMNS = _Columns()
+# Columns of the readings: worm.xml's sensors, then rod.xml's, then the constraint.
+_COLUMNS = {
+    "joints": [0, 1],
+    "joint_velocities": [2, 3],
+    "gripper": [4, 6],
+    "rod": [7, 9],
+    "rod_top": [10, 12],
+    "rod_velocity": [13, 15],
+    "rod_axis": [16, 18],
+    "rod_spin": [19],
+    "attached": [20],
+}
 _GRASP = 0  # the model's only equality constraint
 
 _SPEC = task_spec.TaskSpec(
@@ -156,22 +149,22 @@ class PickPlace(base.GoalTask):
         )
 
     def observation_parts(self, readings):
-        to_top = readings[..., _COLUMNS.rod_top] - readings[..., _COLUMNS.gripper]
+        to_top = readings[..., _COLUMNS["rod_top"]] - readings[..., _COLUMNS["gripper"]]
         read = [name for name in self.spec.observation if name != "to_top"]
-        parts = {name: readings[..., getattr(_COLUMNS, name)] for name in read}
+        parts = {name: readings[..., _COLUMNS[name]] for name in read}
         return {**parts, "to_top": to_top}
 
     def achieved_goal(self, readings):
-        return readings[..., _COLUMNS.rod]
+        return readings[..., _COLUMNS["rod"]]
 
     def achieved_subgoal(self, readings):
-        return readings[..., _COLUMNS.gripper + _COLUMNS.rod + _COLUMNS.joints[1:]]
+        return readings[..., _COLUMNS["gripper"] + _COLUMNS["rod"] + _COLUMNS["joints"][1:]]
 
     def event_mask(self, readings):
         """Where the gripper gets hold of the rod."""
-        apart = readings[..., _COLUMNS.gripper] - readings[..., _COLUMNS.rod_top]
+        apart = readings[..., _COLUMNS["gripper"]] - readings[..., _COLUMNS["rod_top"]]
         near = np.square(apart).sum(axis=-1) <= _ATTACH_DISTANCE**2
-        return near & (readings[..., _COLUMNS.attached[0]] == 0.0)
+        return near & (readings[..., _COLUMNS["attached"][0]] == 0.0)
 
     def apply_event(self, physics):
         physics.data.eq_active[_GRASP] = 1
