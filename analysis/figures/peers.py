@@ -11,7 +11,7 @@ from analysis.reading import paper
 from analysis.statistics.peers import BUDGETS, OURS, WHOSE, Budget, compare
 from analysis.statistics.seeds import n_label
 
-_LOOKS = {"sac": ("#2e8b3d", "D"), "td3": ("#8e24aa", "v")}
+_LOOKS = {"ddpg": ("#8d6e63", "o"), "sac": ("#2e8b3d", "D"), "td3": ("#8e24aa", "v")}
 _LINES = {"zoo": ":", "ours20": "-", "ours40": "--"}
 
 

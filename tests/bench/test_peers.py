@@ -263,7 +263,7 @@ def test_a_curve_comes_back_as_it_was_written(tmp_path):
 @pytest.mark.parametrize(
     "word, said",
     [
-        ("--agent=ppo", "give one or more of sac,td3"),
+        ("--agent=ppo", "give one or more of ddpg,sac,td3"),
         ("--task=pendulum", "give one or more of pendulum_climb"),
         ("--seeds=x", "give a number of seeds"),
         ("--episodes=0", "at least 1"),

@@ -1,4 +1,4 @@
-"""The peers: stable-baselines3's SAC and TD3 with HerReplayBuffer, on our Gymnasium environments.
+"""The peers: stable-baselines3's agents with HerReplayBuffer, on our Gymnasium environments.
 
 What is the library's own stays: its networks also see the achieved goal, it chooses hindsight goals
 when it draws a batch, and a hindsight goal that is achieved ends no episode.
@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import gymnasium
 import numpy as np
 import torch
-from stable_baselines3 import SAC, TD3, HerReplayBuffer
+from stable_baselines3 import DDPG, SAC, TD3, HerReplayBuffer
 from stable_baselines3.common.noise import NormalActionNoise
 from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize
@@ -21,7 +21,7 @@ from hac_suite.algorithm import exploration
 from hac_suite.algorithm.exploration import Purpose
 from tasks.to_gymnasium import GoalEnv, environment_id
 
-AGENTS = {"sac": SAC, "td3": TD3}
+AGENTS = {"ddpg": DDPG, "sac": SAC, "td3": TD3}
 
 
 class Settings(NamedTuple):
@@ -51,8 +51,8 @@ _ZOO: dict[str, Any] = {
     "train_freq": 1,
     "gradient_steps": 1,
 }
-# Its td3.yml and ddpg.yml have no goal task. TD3 has SAC's settings above, its own defaults for the
-# rest, and the noise that her.yml gave TD3 and DDPG on goal tasks (parking-v0, commit 00aaec2).
+# Its td3.yml and ddpg.yml have no goal task. Both agents have SAC's settings above, their own
+# defaults for the rest, and the noise that her.yml gave TD3 and DDPG on goal tasks (parking-v0, commit 00aaec2).
 _ZOO_NOISE = 0.2
 
 
