@@ -52,7 +52,8 @@ _ZOO: dict[str, Any] = {
     "gradient_steps": 1,
 }
 # Its td3.yml and ddpg.yml have no goal task. Both agents have SAC's settings above, their own
-# defaults for the rest, and the noise that her.yml gave TD3 and DDPG on goal tasks (parking-v0, commit 00aaec2).
+# defaults for the rest, and the noise that her.yml gave them on goal tasks (parking-v0, commit
+# 00aaec2).
 _ZOO_NOISE = 0.2
 
 
