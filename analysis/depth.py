@@ -11,7 +11,7 @@ from absl import flags
 from analysis import program
 from analysis.figures.depth import draw
 from analysis.figures.success import save_png
-from analysis.reading import schema
+from analysis.reading import grid, schema
 from analysis.reading.depth import STUDY, load_study
 from analysis.reading.files import write_atomically
 from analysis.statistics.seeds import success_per_period
@@ -22,7 +22,8 @@ _HELP = """Compares 0, 1 and 2 subgoal layers when the same motion is split into
   python -m analysis.depth --data=runs/depth
 
 writes depth.png, the numbers it shows (depth.csv, depth_curves.csv) and the verdicts (depth.md).
-The tasks are those of tasks/families/depth.py. --data holds TASK/results.csv.
+The tasks are those of tasks/families/depth.py. --data holds TASK/results.csv. With the fewest
+decisions they are the suite's tasks: results that --data lacks are taken from --suite.
 
 Flags:
 {flags}
@@ -30,7 +31,7 @@ Flags:
 Exit status: 0; 2 a file to read is missing or damaged, or the command was wrong."""
 FOLDER = Path(__file__).parent / "data" / "depth"
 NAME = "depth"
-SEEDS, PERIODS, RUNS = "10-19", 10, "runs/depth"
+SEEDS, PERIODS, RUNS = 10, 5, "runs/depth"
 _NO_PAIRS = (
     "{folder}: no two agents have a seed with the same number of episodes yet; --episodes=N "
     "compares over the first N episodes"
@@ -51,18 +52,20 @@ def commands() -> list[str]:
         f"python launch/run.py --task=tasks/families/depth.py:{motion}_{decisions} --seeds={SEEDS} "
         f"--periods={PERIODS} --out={RUNS} --novideo"
         for motion, steps in STUDY.items()
-        for decisions in steps
+        for decisions in steps[1:]
     ]
     return [*trainings, f"python -m analysis.depth --data={RUNS}"]
 
 
-def write(folder: Path, output: Path, episodes: int | None = None) -> list[str]:
+def write(
+    folder: Path, output: Path, episodes: int | None = None, suite: Path | None = None
+) -> list[str]:
     """Writes depth.png, the numbers it shows and the verdicts; returns what is to be printed.
 
     Raises:
       ValueError: as `load_study` and `budgets`; or there is no pair of seeds to compare.
     """
-    results = load_study(folder)
+    results = load_study(folder, suite)
     budget = budgets(results, episodes, folder)
     gains = compare(results, budget)
     if not gains:
@@ -90,6 +93,8 @@ def main(argv: Sequence[str]) -> int:
     program.define_count(
         values, "episodes", None, "compare over this many first episodes; default: all", least=1
     )
+    grid_folder = os.path.relpath(grid.FOLDER)
+    flags.DEFINE_string("suite", grid_folder, "holds the suite's own results; empty: none", values)
     flags.DEFINE_boolean("commands", False, "only print the commands that train the runs", values)
     this = program.Program(_HELP, values, wrong=program.UNREADABLE)
     return program.carry_out(this, argv, lambda _: _answer_command(values))
@@ -100,7 +105,8 @@ def _answer_command(values: flags.FlagValues) -> None:
         print(*commands(), sep="\n")
         return
     output = values.data if values.output is None else values.output
-    print(*write(Path(values.data), Path(output), values.episodes), sep="\n")
+    suite = Path(values.suite) if values.suite else None
+    print(*write(Path(values.data), Path(output), values.episodes, suite), sep="\n")
 
 
 if __name__ == "__main__":

@@ -19,8 +19,12 @@ _NOTHING = (
 _CONFIGS = "{path}: has another configuration than {other} ({names}), so they cannot be compared"
 
 
-def load_study(folder: Path) -> pd.DataFrame:
+def load_study(folder: Path, suite: Path | None = None) -> pd.DataFrame:
     """All results in `<folder>/<task>/`, with columns `motion` and `decisions`.
+
+    Args:
+      suite: holds the results of the suite's tasks, which are those of the fewest decisions: they
+        are taken from there where `folder` lacks them.
 
     Raises:
       ValueError: there are none, some are of different configurations, or as
@@ -38,6 +42,15 @@ def load_study(folder: Path) -> pd.DataFrame:
         motions = pd.DataFrame(places, columns=["motion", "decisions"])
         found.append(pd.concat([table, motions], axis=1))
         configs[path] = read_manifest(path.parent)[0].get("config")
+    there = {
+        key for table in found for key in zip(table["motion"], table["decisions"], strict=True)
+    }
+    for motion in sorted({motion for motion, _ in there}) if suite else ():
+        path, fewest = suite / motion / "results.csv", STUDY[motion][0]
+        if (motion, fewest) not in there and path.is_file():
+            own = {"task": f"depth-{motion}_{fewest}", "motion": motion, "decisions": fewest}
+            found.append(load(path.parent).assign(**own))
+            configs[path] = read_manifest(path.parent)[0].get("config")
     if not found:
         raise ValueError(_NOTHING.format(folder=folder, tasks=" or ".join(STUDY)))
     _check_same(configs)

@@ -21,7 +21,9 @@ _TOO_LITTLE = f"less than {evidence.MARGIN * 100:.0f} points, if anything"
 
 
 def budgets(results: pd.DataFrame, episodes: int | None, folder: Path) -> dict[str, int]:
-    """By motion, the episodes over which its agents are compared: the most that a seed has.
+    """By motion, the episodes over which its agents are compared: as many as every task has.
+
+    Those of a task are the most that one of its seeds has: seeds that lag behind are left out.
 
     Args:
       episodes: compares over as many instead.
@@ -31,7 +33,8 @@ def budgets(results: pd.DataFrame, episodes: int | None, folder: Path) -> dict[s
     """
     tested = results.groupby("motion")["train_episodes"].unique()
     if episodes is None:
-        return {motion: int(own.max()) for motion, own in tested.items()}
+        longest = results.groupby(["motion", "decisions"])["train_episodes"].max()
+        return {motion: int(longest[motion].min()) for motion in tested.index}
     for motion, own in tested.items():
         if episodes not in own:
             after = ", ".join(str(number) for number in sorted(own) if number)
