@@ -14,6 +14,7 @@ from analysis.statistics.seeds import bootstrap
 from analysis.verdicts import evidence
 from analysis.verdicts.evidence import LEAST_SEEDS, NOT_SUPPORTED, SUPPORTED, Evidence
 from analysis.verdicts.rivals import (
+    LEARNT,
     LEAST_TESTS,
     Comparison,
     NothingToCompareError,
@@ -40,6 +41,10 @@ _STILL_RISING = "Success was still rising at the end, so longer training may cha
 _FEW_TESTS = (
     "At {equal} an agent was tested fewer than {least} times, too seldom to decide: test more "
     "often (--config.episodes_per_period)."
+)
+_NOT_LEARNT = (
+    "Neither agent's mean success rose by more than {points:.0f} points, so there is nothing to "
+    "compare: train for longer, or see the advice of launch/fit.py."
 )
 _CUT = "Areas end after {episodes:.0f} of {longest:.0f} episodes, where a seed ended."
 
@@ -109,10 +114,13 @@ class Verdict:
 
     def _remarks(self) -> Iterator[str]:
         few = [key for key in (areas.STEPS, areas.SECONDS) if self.compared[key].is_guess()]
-        if few:
+        learnt = self.compared[areas.EPISODES].learnt()
+        if not learnt:
+            yield _NOT_LEARNT.format(points=100 * LEARNT)
+        elif few:
             equal = " and at ".join(EQUAL[key] for key in few)
             yield _FEW_TESTS.format(equal=equal, least=LEAST_TESTS)
-        if self.says == UNDECIDED and areas.STEPS not in few:
+        if learnt and self.says == UNDECIDED and areas.STEPS not in few:
             yield self._what_it_takes()
         if self.rising:
             yield _STILL_RISING
@@ -183,10 +191,12 @@ def _judged(
 ) -> dict[int, Evidence]:
     """By hierarchy, its difference in area at equal amounts of `against`, judged."""
     items = evidence.judge_gains([_at_equal(own, against) for own in measured.values()])
-    return {
-        deep: replace(item, verdict=evidence.UNDECIDED) if own[against].is_guess() else item
-        for (deep, own), item in zip(compared.items(), items, strict=True)
-    }
+    judged = {}
+    for (deep, own), item in zip(compared.items(), items, strict=True):
+        one = own[against]
+        decides = one.learnt() and not one.is_guess()
+        judged[deep] = item if decides else replace(item, verdict=evidence.UNDECIDED)
+    return judged
 
 
 COST_HEADINGS = ("agents", *EQUAL.values())

@@ -12,6 +12,8 @@ from analysis.verdicts.evidence import LEAST_SEEDS
 
 LEAST_TESTS = 3
 """With fewer tests of an agent on average, areas are guesses, unless their gain is certain."""
+LEARNT = 0.1
+"""An agent has learnt something if its mean success rises by so much above the untrained one."""
 # By seed, how good one agent's results are until an amount of a column.
 Score = Callable[[pd.DataFrame, float, str], pd.Series]
 
@@ -147,6 +149,15 @@ class Comparison:
         return not self.is_certain() and any(
             self._tests(one) < LEAST_TESTS for one in (self.new, self.old)
         )
+
+    def learnt(self) -> bool:
+        """Whether either agent has learnt something within the budget."""
+        for one in (self.new, self.old):
+            within = one[one[self.against] <= self.budget]
+            means = within.groupby("period")["success_rate"].mean()
+            if means.max() - means.iloc[0] > LEARNT:
+                return True
+        return False
 
     def _tests(self, results: pd.DataFrame) -> float:
         """Tests within the budget after training began, mean over seeds."""

@@ -297,3 +297,10 @@ def test_what_was_cut_is_said(make_results):
     stopped = (results["subgoal_layers"] == 0) & (results["seed"] == 0) & (results["period"] > 2)
     (found,) = hierarchy.judge(results[~stopped], {})
     assert "Areas end after 600 of 900 episodes, where a seed ended." in found.sentence
+
+
+def test_where_no_agent_learns_nothing_is_judged(make_results):
+    flat, deep = like([0.08, 0.08, 0.08, 0.08, 0.08]), like([0.08, 0.08, 0.09, 0.1, 0.1])
+    (found,) = hierarchy.judge(make_results({0: flat, 1: deep}), {})
+    assert found.says == UNDECIDED and "nothing to compare" in found.sentence
+    assert "seeds of each agent would" not in found.sentence
