@@ -41,8 +41,8 @@ at equal cost of that kind, in points, with 95% intervals from pairs of seeds. U
 all levels, and do not depend on the machine; core-minutes do, and include tests.
 
 Agents are compared until one seed of either has done all of its training. Between two tests, areas
-follow a straight line. A star marks a gain that has its sign whatever happened between the tests,
-as long as success stayed between the two. Intervals are not corrected for each other.
+follow a straight line. A star marks a gain whose sign does not depend on that, as long as
+success stayed between the values of both tests. Intervals are not corrected for each other.
 """
 _ON_ENDS = """
 The gain in success, in points, when that amount is spent, and the share of its training that the
@@ -62,7 +62,7 @@ METHOD = (
     "seeds. Intervals of counted seeds are exact binomial ones. An interval of zero width means "
     "that all seeds agree, not that the estimate is exact.",
     "(a) and (b) compare with the strongest agent without subgoal layers on each task: the one "
-    "with a larger mean area than each other, over as many episodes as both have. Weaker ones are "
+    "with a larger mean area than any other, over as many episodes as both have. Weaker ones are "
     "shown and decide nothing. Choosing the baseline by the data that it is judged on favours the "
     "baseline, so it can make a hierarchy look worse than it is.",
     "Areas and episodes to 80% end where the first seed of a task ends. A seed that never reaches "

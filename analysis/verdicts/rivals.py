@@ -37,7 +37,7 @@ def strongest(
     against: str = EPISODES,
     score: Score = areas,
 ) -> Rival:
-    """The agent without subgoal layers that has the higher mean score than most others.
+    """The agent without subgoal layers that beats the most others by its mean score over seeds.
 
     Two of them are compared until the amount of `against` that both have reached, and the
     hierarchies as well: a third one, which may have ended earlier, has no say in that. Out of the
@@ -145,7 +145,7 @@ class Comparison:
         return at_budget(results, self.budget, self.against, column)
 
     def is_guess(self) -> bool:
-        """Whether an agent was tested so seldom within the budget that lines decide the sign."""
+        """Whether an agent was tested too seldom within the budget to know the gain's sign."""
         return not self.is_certain() and any(
             self._tests(one) < LEAST_TESTS for one in (self.new, self.old)
         )
