@@ -302,7 +302,9 @@ def test_wrong_arguments_are_refused():
 def test_a_camera_that_follows_is_where_the_environment_is():
     env = tasks.load_vector("pick_place", 2)
     env._model.cam_mode[0] = mujoco.mjtCamLight.mjCAMLIGHT_TRACKCOM
-    env._model.cam_bodyid[0] = env._model.nbody - 1
+    env._model.cam_bodyid[0] = env._model.jnt_bodyid[0]
+    for _ in range(20):
+        env.step(np.array([env.action_low, env.action_high]))
     for i in (1, 0):
         env.render(i, height=8, width=8)
         drawn = env._physics.data.cam_xpos[0]
