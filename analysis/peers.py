@@ -90,7 +90,7 @@ def main(argv: Sequence[str]) -> int:
 
 def _compare_all(values: flags.FlagValues) -> None:
     strangers, ours = load_strangers(Path(values.peers)), grid.load_grid(Path(values.data))
-    curves = gather(strangers, ours)
+    curves = gather(strangers, ours, grid.load_as_peers(Path(values.data)))
     output = Path(values.peers if values.output is None else values.output)
     output.mkdir(parents=True, exist_ok=True)
     figure, path = draw(curves), output / FIGURE

@@ -6,13 +6,15 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import PercentFormatter
 
-from analysis.figures.success import Look, look
+from analysis.figures.success import FLAT_LOOKS, Look, look
 from analysis.reading import paper
 from analysis.statistics.peers import BUDGETS, OURS, WHOSE, Budget, compare
 from analysis.statistics.seeds import n_label
 
 _LOOKS = {"ddpg": ("#8d6e63", "o"), "sac": ("#2e8b3d", "D"), "td3": ("#8e24aa", "v")}
 _LINES = {"zoo": ":", "ours20": "-", "ours40": "--"}
+_OUR_TD3 = FLAT_LOOKS[0].colour
+_MANY_UPDATES = (0, (1, 1))  # of our agents: dots
 
 
 def draw(curves: pd.DataFrame) -> Figure:
@@ -57,5 +59,9 @@ def _plot(ax: Axes, curves: pd.DataFrame, budget: Budget, most: float) -> None:
 
 def _look(agent: str, settings: str) -> Look:
     if agent == OURS:
-        return look(int(settings.split()[0]))
+        name, _, otherwise = settings.partition(", ")
+        own = look(int(name.split()[0]))
+        if "TD3" in otherwise:
+            own = own._replace(colour=_OUR_TD3, marker="x")
+        return own._replace(line=_MANY_UPDATES) if "updates" in otherwise else own
     return Look(*_LOOKS.get(agent, ("#555555", "o")), _LINES.get(settings, "-."))

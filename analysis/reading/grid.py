@@ -19,6 +19,13 @@ FLATS = {
 beside it."""
 DEEPER = {"half the rate, fewer updates": "grid_fewer_updates"}
 """The same of agents with two subgoal layers."""
+AS_PEERS = {
+    "TD3+HER": "grid_td3",
+    "40 updates": "grid_40_updates",
+    "TD3+HER, 40 updates": "grid_td3_40_updates",
+}
+"""Our agents that another library's are compared with, besides the grid's. 40 updates: after each
+episode, with 4 hindsight goals, as the other library's agents called ours40 have."""
 
 _NOTHING = "{folder}: holds results of none of the paper's tasks ({tasks})"
 _WRONG_TASK = "{folder}: holds results of {found}; a folder is named after its task"
@@ -66,12 +73,20 @@ def load_deeper(folder: Path) -> dict[str, dict[str, pd.DataFrame]]:
     return _beside(folder, DEEPER, 2)
 
 
+def load_as_peers(folder: Path) -> dict[str, dict[str, pd.DataFrame]]:
+    """The same of the agents of `AS_PEERS`, with any number of subgoal layers."""
+    return _found(folder, AS_PEERS)
+
+
 def _beside(folder: Path, folders: Mapping[str, str], layers: int) -> dict:
-    beside = Path(folder).resolve().parent
-    found = {
-        name: load_grid(beside / own) for name, own in folders.items() if (beside / own).is_dir()
-    }
     return {
         name: {task: rows[rows["subgoal_layers"] == layers] for task, rows in own.items()}
-        for name, own in found.items()
+        for name, own in _found(folder, folders).items()
+    }
+
+
+def _found(folder: Path, folders: Mapping[str, str]) -> dict[str, dict[str, pd.DataFrame]]:
+    beside = Path(folder).resolve().parent
+    return {
+        name: load_grid(beside / own) for name, own in folders.items() if (beside / own).is_dir()
     }

@@ -1,5 +1,6 @@
 """Curves of peers and of our agents, and success at equal environment steps and core-minutes."""
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import NamedTuple
 
@@ -78,15 +79,20 @@ def load_strangers(folder: Path) -> pd.DataFrame:
     return pd.concat(curves, ignore_index=True)
 
 
-def as_curves(results: pd.DataFrame) -> pd.DataFrame:
+def as_curves(results: pd.DataFrame, otherwise: str = "") -> pd.DataFrame:
     """Our results, as `COLUMNS`. Seeds trained in one process share its time equally.
+
+    `otherwise` says what they were trained with, if not as the grid.
 
     That time includes the tests, while a peer's is the time of its process without tests: our
     agents are charged more.
     """
     return results.assign(
         agent=OURS,
-        settings=[paper.agent_name(layers) for layers in results["subgoal_layers"]],
+        settings=[
+            paper.agent_name(layers) + (f", {otherwise}" if otherwise else "")
+            for layers in results["subgoal_layers"]
+        ],
         core_minutes=core_seconds(results) / 60,
     )[list(COLUMNS)]
 
@@ -160,7 +166,23 @@ def _early(tests: pd.Series, amount: float) -> bool:
     return bool(len(trained)) and amount < trained.min()
 
 
-def gather(strangers: pd.DataFrame, ours: dict[str, pd.DataFrame]) -> pd.DataFrame:
-    """On each of their tasks, our curves, then the peers', in the order of Figure 5."""
-    own = [as_curves(ours[task]) for task in strangers["task"].unique() if task in ours]
-    return paper.in_order(pd.concat([*own, strangers], ignore_index=True))
+def our_curves(
+    ours: Mapping[str, pd.DataFrame], others: Mapping[str, Mapping[str, pd.DataFrame]]
+) -> pd.DataFrame:
+    """The grid's results by task, and those of our other agents by what they were trained with."""
+    results = {"": ours, **others}
+    return pd.concat(
+        [as_curves(own, how) for how, by_task in results.items() for own in by_task.values()],
+        ignore_index=True,
+    )
+
+
+def gather(
+    strangers: pd.DataFrame,
+    ours: Mapping[str, pd.DataFrame],
+    others: Mapping[str, Mapping[str, pd.DataFrame]],
+) -> pd.DataFrame:
+    """`our_curves` on the tasks of the peers, then the peers', in the order of Figure 5."""
+    own = our_curves(ours, others)
+    own = own[own["task"].isin(strangers["task"])]
+    return paper.in_order(pd.concat([own, strangers], ignore_index=True))

@@ -121,6 +121,31 @@ def test_the_command_prints_all_tables_and_draws(data, tmp_path, capsys):
     assert (folder / "peers.png").stat().st_size > 30_000
 
 
+def test_agents_of_ours_that_were_trained_otherwise_are_beside_the_grid(
+    make_results, tmp_path, capsys
+):
+    for folder, task, successes in (
+        ("grid", "pick_place", {0: [[0.1, 0.9]]}),
+        ("grid_40_updates", "pick_place", {0: [[0.2, 1.0]], 1: [[0.3, 0.9]]}),
+        ("grid_td3", "ur5_reacher", {0: [[0.2, 1.0]]}),  # no peer is trained on it
+    ):
+        (tmp_path / folder / task).mkdir(parents=True)
+        results = make_results(successes, task)
+        results.to_csv(tmp_path / folder / task / "results.csv", index=False)
+    curves = tmp_path / "peers"
+    curves.mkdir()
+    _curve(100, (0, 0, 0.0), (20_000, 1, 0.5)).to_csv(curves / "100.csv", index=False)
+    assert peers.main(["", f"--peers={curves}", f"--data={tmp_path / 'grid'}"]) == 0
+    printed = capsys.readouterr().out
+    assert "ur5_reacher" not in printed
+    for agent in (
+        "0 subgoal layers",
+        "0 subgoal layers, 40 updates",
+        "1 subgoal layer, 40 updates",
+    ):
+        assert printed.count(f"| pick_place | hac | {agent} | 1 |") == 3
+
+
 @pytest.mark.slow
 def test_real_curves_of_tasks_of_which_we_have_no_results(data, tmp_path, capsys):
     assert peers.main(["", f"--peers={REAL}", f"--data={data}", f"--output={tmp_path}"]) == 0

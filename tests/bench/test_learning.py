@@ -22,7 +22,7 @@ def _curve(agent: str, success: float) -> pd.DataFrame:
 
 def test_the_fastest_of_each_side_is_compared():
     published = {TASK: load(grid.FOLDER / TASK)}
-    report = waits(published, pd.concat([_curve("sac", 1.0), _curve("td3", 0.89)]))
+    report = waits(published, pd.concat([_curve("sac", 1.0), _curve("td3", 0.89)]), {})
     minutes = report["minutes_to_90"][TASK]
     assert minutes["sac zoo"] == 36.0 and minutes["td3 zoo"] is None
     ours = [minutes[f"hac {layers}"] for layers in ("0 subgoal layers", "1 subgoal layer")]
@@ -33,5 +33,7 @@ def test_the_fastest_of_each_side_is_compared():
 def test_no_ratio_where_one_side_never_gets_there():
     published = {TASK: load(grid.FOLDER / TASK)}
     for strangers in (None, _curve("td3", 0.5)):
-        report = waits(published, strangers)
-        assert report["minutes_to_90_ratio"] == {} and len(report["minutes_to_90"][TASK]) >= 3
+        report = waits(published, strangers, {"40 updates": published})
+        names = list(report["minutes_to_90"][TASK])
+        assert {"hac 1 subgoal layer", "hac 1 subgoal layer, 40 updates"} < set(names)
+        assert report["minutes_to_90_ratio"] == {} and len(names) >= 6
