@@ -4,7 +4,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import PercentFormatter
+from matplotlib.ticker import FuncFormatter, MaxNLocator, PercentFormatter
 
 from analysis.figures.success import FLAT_LOOKS, Look, look
 from analysis.reading import paper
@@ -31,7 +31,10 @@ def draw(curves: pd.DataFrame) -> Figure:
             ax.set_title(paper.title(task), size="medium")
             ax.set_xlabel(budget.unit)
     for ax in axes[-1]:
-        ax.legend(loc="upper center", bbox_to_anchor=(0.5, -0.2), fontsize="x-small", frameon=False)
+        ax.legend(
+            loc="upper center", bbox_to_anchor=(0.5, -0.2), fontsize="x-small", frameon=False,
+            handlelength=4,
+        )  # fmt: skip
     return figure
 
 
@@ -52,9 +55,15 @@ def _plot(ax: Axes, curves: pd.DataFrame, budget: Budget, most: float) -> None:
             table["amount"], table["low"], table["high"], color=drawn.colour, alpha=0.12, lw=0
         )
     ax.set_ylim(-0.03, 1.03)
+    ax.xaxis.set_major_locator(MaxNLocator(5))
+    ax.xaxis.set_major_formatter(FuncFormatter(_short))
     ax.yaxis.set_major_formatter(PercentFormatter(1.0))
     ax.grid(alpha=0.25, linewidth=0.6)
     ax.spines[["top", "right"]].set_visible(False)
+
+
+def _short(amount: float, _: int) -> str:
+    return f"{amount / 1000:g}k" if amount >= 1000 else f"{amount:g}"
 
 
 def _look(agent: str, settings: str) -> Look:
