@@ -80,7 +80,7 @@ def draw(worlds: Worlds, td3: Worlds) -> Figure:
         ax.set_title(title(task), fontweight="bold")
         if not ax.get_subplotspec().is_first_col():
             ax.set_ylabel("")
-        ax.legend(loc="lower right", fontsize="x-small", framealpha=0.85, handlelength=3)
+        ax.legend(loc="best", fontsize="x-small", framealpha=0.85, handlelength=3)
     for ax in axes[len(worlds) :]:
         ax.axis("off")
     return figure
