@@ -61,4 +61,6 @@ def _plot_gains(ax: Axes, gains: pd.DataFrame, steps: Sequence[int]) -> None:
     ax.set_ylabel("points of area under the success curve")
     ax.grid(axis="y", alpha=0.25, linewidth=0.6)
     ax.spines[["top", "right"]].set_visible(False)
-    ax.legend(framealpha=0.85, fontsize="small")
+    low, high = ax.get_ylim()
+    ax.set_ylim(low, high + 0.25 * (high - low))  # room for the legend above the intervals
+    ax.legend(loc="upper left", framealpha=0.85, fontsize="small")
