@@ -154,8 +154,8 @@ class Comparison:
         """Whether either agent has learnt something within the budget."""
         for one in (self.new, self.old):
             within = one[one[self.against] <= self.budget]
-            means = within.groupby("period")["success_rate"].mean()
-            if means.max() - means.iloc[0] > LEARNT:
+            means = within.groupby("period")["success_rate"].mean().to_numpy()
+            if means.size and means.max() - means[0] > LEARNT:  # none: all tests came later
                 return True
         return False
 

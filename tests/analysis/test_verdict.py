@@ -304,3 +304,11 @@ def test_where_no_agent_learns_nothing_is_judged(make_results):
     (found,) = hierarchy.judge(make_results({0: flat, 1: deep}), {})
     assert found.says == UNDECIDED and "nothing to compare" in found.sentence
     assert "seeds of each agent would" not in found.sentence
+
+
+def test_an_agent_whose_first_test_comes_after_the_others_training_is_not_judged(make_results):
+    results = make_results({0: [[0.1] * 4] * 6, 1: like(FAST)})
+    later = 1000 * (results["subgoal_layers"] == 1)
+    results["core_seconds"] = 10.0 * results["period"] + later
+    (found,) = hierarchy.judge(results, {})
+    assert found.minutes.verdict == UNDECIDED
