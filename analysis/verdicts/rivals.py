@@ -155,7 +155,8 @@ class Comparison:
         for one in (self.new, self.old):
             within = one[one[self.against] <= self.budget]
             means = within.groupby("period")["success_rate"].mean().to_numpy()
-            if means.size and means.max() - means[0] > LEARNT:  # none: all tests came later
+            # Empty where an agent's first test comes after the budget, which the other one sets.
+            if means.size and means.max() - means[0] > LEARNT:
                 return True
         return False
 
