@@ -105,6 +105,9 @@ class LearnerConfig(_Part):
     upper_updates_per_episode: int = 0
     learning_rate: float = 1e-3  # Adam, actor and critic; R18, R20
     hidden_sizes: tuple[int, ...] = (64, 64, 64)  # R18, R20
+    # bf16: products between hidden layers are of rounded numbers (ours). Faster where the processor
+    # has avx512_bf16 or AMX, and refused elsewhere.
+    precision: Literal["fp32", "bf16"] = "fp32"
     replay_capacity: int = 300_000  # transitions per level and seed; ours
     bounded_critic: bool = True  # R20: -F * sigmoid, and targets clipped to [-F, 0]
     # F: T_i (R20), or the least return that T_i attempts can have, (1 - g^T_i) / (1 - g) (ours).
@@ -133,6 +136,7 @@ class LearnerConfig(_Part):
         self._require("learning_rate", 0 < self.learning_rate < math.inf, "above zero")
         self._require("initial_q", -1 < self.initial_q < 0, "between -1 and 0")
         self._require_one_of("critic_floor", "attempts", "returns")
+        self._require_one_of("precision", "fp32", "bf16")
         self._require(
             "hidden_sizes",
             len(self.hidden_sizes) > 0 and min(self.hidden_sizes) >= 2,
@@ -229,6 +233,7 @@ _BEFORE: dict[str, Any] = {
     "upper_updates_per_episode": 0,
     "critic_floor": "attempts",
     "learner": "ddpg",
+    "precision": "fp32",
     # What ddpg does not read.
     "target_noise": 0.2,
     "target_noise_clip": 0.5,

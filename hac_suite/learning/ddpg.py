@@ -15,12 +15,12 @@ import torch
 from hac_suite.config import Config
 from hac_suite.learning.adam import Adam
 from hac_suite.learning.learner import Learner
+from hac_suite.learning.mixed import PRECISIONS
 from hac_suite.learning.networks import StackedMLP, in_whole_registers
 from hac_suite.learning.replay import RowLayout
 from hac_suite.types import LevelSpec
 
 _AVERAGED_PART = 10.0  # a tested actor averages over about the last 1/10 of its updates, at first
-_CACHED_ROWS = 256  # of a batch, at a time, on a CPU
 
 
 class BoundedCritic:
@@ -98,10 +98,12 @@ class DDPG(Learner):
         self._target_rate = config.target_rate
         self._tested_rate = config.tested_actor_rate
         self._saturation_penalty = config.saturation_penalty
+        networks = PRECISIONS[config.precision].networks
+        self._rows_at_a_time = PRECISIONS[config.precision].rows_at_a_time
         sizes = (*config.hidden_sizes, spec.action_dim)
-        self.actor = StackedMLP(seeds, (features, *sizes), device=device)
+        self.actor = networks(seeds, (features, *sizes), device=device)
         sizes = (*config.hidden_sizes, 1)
-        self.critic = StackedMLP(seeds, (features + spec.action_dim, *sizes), device=device)
+        self.critic = networks(seeds, (features + spec.action_dim, *sizes), device=device)
         for index, generator in enumerate(generators):
             self.actor.initialise(index, generator)
             self.critic.initialise(index, generator)
@@ -152,7 +154,8 @@ class DDPG(Learner):
         self._actor_step(pieces, batch)
 
     def _pieces(self, rows: torch.Tensor) -> Sequence[torch.Tensor]:
-        return rows.split(_CACHED_ROWS if rows.device.type == "cpu" else rows.shape[1], dim=1)
+        few = self._rows_at_a_time if rows.device.type == "cpu" else rows.shape[1]
+        return rows.split(few, dim=1)
 
     def _critic_step(self, pieces: Sequence[torch.Tensor], batch: int) -> None:
         for first, piece in enumerate(pieces):

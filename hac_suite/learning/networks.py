@@ -9,20 +9,22 @@ and one product its gradient.
 
 import copy
 from collections.abc import Callable, Sequence
+from typing import Any
 
 import torch
 from torch.nn import functional
 
 # A population of one with a single output takes another path through the matrix library, with
 # other roundings: no layer is narrower than this.
-_MIN_OUTPUTS = 2
+MIN_OUTPUTS = 2
 # Slabs of parameters are padded to whole vector registers, so that element-wise updates treat the
 # same parameter alike whatever the population.
 _SLAB = 64
 _REGISTERS = 32  # floats; a multiple of every vector width
-# Rows of activations begin at multiples of this many floats: products round as their operands are
+# Rows of activations begin at multiples of so many bytes: products round as their operands are
 # aligned, and a seed's must be aligned alike in every population.
-ALIGNED = 16
+_BYTES = 64
+ALIGNED = _BYTES // 4  # floats
 
 
 def in_whole_registers(
@@ -36,6 +38,20 @@ def in_whole_registers(
     columns = values.shape[-1]
     filled = functional.pad(values, (0, -columns % _REGISTERS)) if columns % _REGISTERS else values
     return function(filled)[..., :columns]
+
+
+def rows_of_columns(
+    seeds: int,
+    rows: int,
+    columns: int,
+    *,
+    dtype: torch.dtype,
+    device: torch.device | str = "cpu",
+) -> torch.Tensor:
+    """Zeros [seeds, rows, columns], whose rows begin at whole multiples of 64 bytes."""
+    aligned = _BYTES // dtype.itemsize
+    made = torch.zeros(seeds, rows, columns + -columns % aligned, dtype=dtype, device=device)
+    return made[..., :columns]
 
 
 class StackedMLP:
@@ -55,13 +71,13 @@ class StackedMLP:
         dtype: torch.dtype = torch.float32,
         device: torch.device | str = "cpu",
     ):
-        self.sizes = (*sizes[:-1], max(sizes[-1], _MIN_OUTPUTS))
+        self.sizes = (*sizes[:-1], max(sizes[-1], MIN_OUTPUTS))
         self.outputs = sizes[-1]
         self._shapes = [(o, i + 1) for i, o in zip(self.sizes[:-1], self.sizes[1:], strict=True)]
         count = sum(o * i for o, i in self._shapes)
         count += -count % _SLAB
         parameters = torch.zeros(seeds, count, dtype=dtype, device=device)
-        self._workspaces: dict[tuple[int, int], _Workspace] = {}
+        self._workspaces: dict[tuple[int, int], Any] = {}
         self._bind(parameters, torch.zeros_like(parameters))
 
     def _bind(self, parameters: torch.Tensor, gradient: torch.Tensor) -> None:
@@ -88,8 +104,8 @@ class StackedMLP:
         """A copy that uses the same buffers: neither can go backward after the other's forward."""
         return self._like(self.parameters.clone(), self.gradient)
 
-    def on_cpu(self) -> "StackedMLP":
-        """Itself, or where it is on a GPU a copy of now, for environments to act with."""
+    def to_act_with(self) -> "StackedMLP":
+        """Itself, or where it is on a GPU a copy of now, for environments on a CPU."""
         if self.parameters.device.type == "cpu":
             return self
         here = StackedMLP(len(self.parameters), (*self.sizes[:-1], self.outputs))
@@ -160,16 +176,19 @@ class StackedMLP:
             self._weight_gradients[0].baddbmm_(gradient, self._inputs.transpose(1, 2), beta=beta)
         if not inputs:
             return None
-        rows = max(inputs, _MIN_OUTPUTS)
+        rows = max(inputs, MIN_OUTPUTS)
         into = space.input_gradient[:, :rows]
         torch.bmm(self.weights[0][..., :rows].transpose(1, 2), gradient, out=into)
         return into[:, :inputs]
 
-    def _workspace(self, columns: int) -> "_Workspace":
+    def _workspace(self, columns: int) -> Any:
         key = len(self.parameters), columns
         if key not in self._workspaces:
-            self._workspaces[key] = _Workspace(self.parameters, columns, self.sizes, self.outputs)
+            self._workspaces[key] = self._new_workspace(columns)
         return self._workspaces[key]
+
+    def _new_workspace(self, columns: int) -> Any:
+        return _Workspace(self.parameters, columns, self.sizes, self.outputs)
 
 
 class _Workspace:
@@ -177,9 +196,7 @@ class _Workspace:
 
     def __init__(self, like: torch.Tensor, columns: int, sizes: Sequence[int], outputs: int):
         def new(rows: int) -> torch.Tensor:
-            padded = columns + -columns % ALIGNED
-            made = torch.zeros(len(like), rows, padded, dtype=like.dtype, device=like.device)
-            return made[..., :columns]
+            return rows_of_columns(len(like), rows, columns, dtype=like.dtype, device=like.device)
 
         self.with_ones = [new(width + 1) for width in sizes[1:-1]]
         for buffer in self.with_ones:

@@ -12,7 +12,6 @@ import torch
 from hac_suite.config import Config
 from hac_suite.learning.adam import Adam
 from hac_suite.learning.ddpg import DDPG
-from hac_suite.learning.networks import StackedMLP
 from hac_suite.types import LevelSpec
 
 _BASES = 2**31  # where seeds' noise begins; plus a count of updates it is still below 2**32
@@ -41,7 +40,7 @@ class TD3(DDPG):
         self._noise_clip = config.target_noise_clip
         self._delay = config.policy_delay
         sizes = (*self.critic.sizes[:-1], self.critic.outputs)
-        self.second_critic = StackedMLP(len(generators), sizes, device=device)
+        self.second_critic = type(self.critic)(len(generators), sizes, device=device)
         for index, generator in enumerate(generators):
             self.second_critic.initialise(index, generator)
         self.target_second = self.second_critic.twin()

@@ -11,17 +11,16 @@ from hac_suite.algorithm import exploration, transitions
 from hac_suite.algorithm.exploration import Purpose
 from hac_suite.algorithm.record import Round
 from hac_suite.config import Config, updates_of_level
-from hac_suite.learning import learners
+from hac_suite.learning import learners, mixed
 from hac_suite.learning.cuda_graph import CapturedRound
 from hac_suite.learning.learner import Learner
+from hac_suite.learning.mixed import PRECISIONS
 from hac_suite.learning.networks import StackedMLP
 from hac_suite.learning.replay import Replay, RowLayout
 from hac_suite.policy import Policy, as_actor
 from hac_suite.state import SeedState, copy_into
 from hac_suite.types import Actor, LevelSpec, VectorEnv, level_specs
 from hac_suite.values import critics_of
-
-_SEEDS_AT_A_TIME = 5
 
 
 class Population:
@@ -38,8 +37,10 @@ class Population:
         """`device` is where networks and replay buffers are; environments and actors stay here.
 
         Raises:
-            ValueError: the config's learner is not there, or cannot learn on the device.
+            ValueError: the config's learner is not there, or cannot learn on the device, or the
+                machine lacks the config's precision.
         """
+        mixed.check(config.precision, device)
         self.seeds, self.config, self.horizons = tuple(seeds), config, horizons
         self.levels: tuple[LevelSpec, ...] = level_specs(env, horizons)
         self._spaces = (env.goal_space, env.subgoal_space)
@@ -56,7 +57,8 @@ class Population:
             for spec in self.levels
         ]
         # On a CPU a few seeds at a time do their whole round: what they need stays in the cache.
-        stride = _SEEDS_AT_A_TIME if on_cpu else len(self.seeds)
+        few = PRECISIONS[config.precision].seeds_at_a_time
+        stride = few if on_cpu else len(self.seeds)
         self._round = self._update if on_cpu else CapturedRound(self._update)
         edges = [*range(0, len(self.seeds), stride), len(self.seeds)]
         self._parts = [
@@ -84,7 +86,9 @@ class Population:
         return self._actors(self.tested_networks())
 
     def _actors(self, networks: list[StackedMLP]) -> list[Actor]:
-        return [as_actor(n.on_cpu(), spec) for n, spec in zip(networks, self.levels, strict=True)]
+        return [
+            as_actor(n.to_act_with(), spec) for n, spec in zip(networks, self.levels, strict=True)
+        ]
 
     def policies(self) -> list[Policy]:
         """A copy of each seed's agent, as tested, and of the critics that it learnt from."""

@@ -1,5 +1,6 @@
 """The training command line: arguments in, a checked Request or one clear CommandError out."""
 
+import dataclasses
 import importlib.util
 import os
 import re
@@ -14,8 +15,9 @@ from ml_collections import ConfigDict, config_flags
 
 import hac_suite
 from analysis import program
-from hac_suite.learning import learners
+from hac_suite.learning import learners, mixed
 from hac_suite.learning.learner import Learner
+from hac_suite.learning.mixed import PRECISIONS
 from launch.asking import lists, settings
 
 CONFIGS = Path(__file__).parents[1] / "configs"
@@ -187,6 +189,13 @@ def _define_machines(values: flags.FlagValues) -> None:
         "device for learning; auto: the GPU if there is one",
         values,
     )
+    flags.DEFINE_enum(
+        "precision",
+        None,
+        list(PRECISIONS),
+        "short for --config.precision; bf16 is faster where the processor has avx512_bf16 or AMX",
+        values,
+    )
 
 
 def _request(values: flags.FlagValues, settings_given: ConfigDict) -> Request:
@@ -195,7 +204,12 @@ def _request(values: flags.FlagValues, settings_given: ConfigDict) -> Request:
     _check_ray(values)
     layers = lists.subgoal_layers(values.subgoal_layers)
     config = settings.to_config(settings_given)
+    if values.precision:
+        config = dataclasses.replace(config, precision=values.precision)
     on_gpu = _learner(config.learner).on_gpu
+    device = "cpu" if values.executor == "ray" else _device(values.device, on_gpu)
+    if values.executor == "local":  # another machine may have what this one lacks
+        _check_precision(config.precision, device)
     return Request(
         tasks=lists.tasks_named(lists.task_word(values)),
         subgoal_layers=layers,
@@ -211,7 +225,7 @@ def _request(values: flags.FlagValues, settings_given: ConfigDict) -> Request:
         other_versions=values.other_versions,
         executor=values.executor,
         ray_address=values.ray_address,
-        device="cpu" if values.executor == "ray" else _device(values.device, on_gpu),
+        device=device,
         config=config,
     )
 
@@ -281,6 +295,14 @@ def _device(word: str, on_gpu: bool) -> str:
             "uses a GPU only if there is one"
         )
     return "cpu"
+
+
+def _check_precision(word: str, device: str) -> None:
+    """Raises CommandError where this machine lacks the precision."""
+    try:
+        mixed.check(word, device)
+    except ValueError as error:
+        raise program.CommandError(f"config: {error}") from error
 
 
 def _check_config_words(argv: Sequence[str]) -> None:

@@ -6,8 +6,9 @@ Takes up to a quarter of an hour on two cores, which should have nothing else to
 import argparse
 import json
 import os
+import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -51,34 +52,55 @@ def main() -> None:
     arguments = parser.parse_args()
     output = arguments.output or (None if arguments.part else OUTPUT)
     console = Console()
-    report = measure(arguments.part or [p for p in PARTS if p not in _ONLY_ASKED], console)
+    parts = arguments.part or [p for p in PARTS if p not in _ONLY_ASKED]
+    report, failed = measure(parts, console, output)
     show(report, console)
     if output is not None:
-        output.parent.mkdir(parents=True, exist_ok=True)
-        text = json.dumps(report, indent=2) + "\n"
-        write_text(output, text)
         console.print(f"wrote {output}", soft_wrap=True)
+    if failed:
+        sys.exit(f"failed, see above: {', '.join(failed)}")
 
 
-def measure(parts: list[str], console: Console) -> dict[str, Any]:
-    """The report: what each part has measured, and on what."""
+def measure(
+    parts: Sequence[str], console: Console, output: Path | None = None
+) -> tuple[dict[str, Any], list[str]]:
+    """The report, and the parts that failed: they leave what the others have measured alone.
+
+    Args:
+        output: where to write the report after each part. Entries of a file that is there already
+            stay if no part of this run measures them.
+    """
     start = time.monotonic()
 
     def say(text: str) -> None:
         minutes, seconds = divmod(int(time.monotonic() - start), 60)
         console.print(f"{minutes:2d}:{seconds:02d} {text}", highlight=False)
 
-    report: dict[str, Any] = {
+    report: dict[str, Any] = {}
+    if output is not None and output.exists():
+        report = json.loads(output.read_text())
+    report["repeats"] = REPEATS
+    on = {
         "commit": manifest.commit(),
         "machine": manifest.machine(),
         "versions": manifest.versions(),
-        "repeats": REPEATS,
     }
+    failed = []
     for part in parts:
-        report |= PARTS[part](say)
-    report["seconds"] = round(time.monotonic() - start)
+        began = time.monotonic()
+        try:
+            report |= PARTS[part](say)
+        except Exception:
+            console.print_exception()
+            failed.append(part)
+            continue
+        seconds = round(time.monotonic() - began)
+        report["parts"] = report.get("parts", {}) | {part: {"seconds": seconds, **on}}
+        if output is not None:
+            output.parent.mkdir(parents=True, exist_ok=True)
+            write_text(output, json.dumps(report, indent=2) + "\n")
     say("done")
-    return report
+    return report, failed
 
 
 def show(report: dict[str, Any], console: Console) -> None:

@@ -96,6 +96,7 @@ def test_a_field_that_was_not_there_yet_has_the_value_that_stood_for_it():
         "random_subgoal_rate": 0.7,
         "critic_floor": "attempts",
         "learner": "ddpg",
+        "precision": "fp32",
         "target_noise": 0.2,
         "target_noise_clip": 0.5,
         "policy_delay": 2,

@@ -1,12 +1,15 @@
 """A small level to learn: its sizes, a batch of rows, and its networks as autograd sees them."""
 
 import dataclasses
+from collections.abc import Callable
 from typing import TypeVar
 
 import numpy as np
+import pytest
 import torch
 
-from hac_suite.config import PAPER
+from hac_suite.config import PAPER, Config
+from hac_suite.learning import mixed
 from hac_suite.learning.learner import Learner
 from hac_suite.learning.networks import StackedMLP
 from hac_suite.learning.replay import RowLayout
@@ -19,6 +22,9 @@ GOALS = GoalSpace(("x",), ("m",), np.array([-2.0]), np.array([2.0]), np.array([0
 SPEC = LevelSpec(observation_scale=np.ones(2), goal_space=GOALS, action_dim=2, attempts=10)
 LAYOUT = RowLayout.of(SPEC)
 ROWS = 16
+needs_bf16 = pytest.mark.skipif(
+    not mixed.has_bf16(), reason="this processor has neither avx512_bf16 nor amx_bf16"
+)
 
 
 def a_batch(seeds: int = 2, dtype: torch.dtype = torch.float32) -> torch.Tensor:
@@ -30,7 +36,16 @@ def a_batch(seeds: int = 2, dtype: torch.dtype = torch.float32) -> torch.Tensor:
     return rows.to(dtype)
 
 
-def a_learner(kind: type[L], seeds: int = 2, **changes) -> L:
+def in_bf16(kind: type[L]) -> Callable[..., L]:
+    """The learner as a config with `precision="bf16"` makes it."""
+
+    def make(spec: LevelSpec, config: Config, generators: list[torch.Generator]) -> L:
+        return kind(spec, dataclasses.replace(config, precision="bf16"), generators)
+
+    return make
+
+
+def a_learner(kind: Callable[..., L], seeds: int = 2, **changes) -> L:
     config = dataclasses.replace(PAPER, **changes)
     return kind(SPEC, config, [torch.Generator().manual_seed(s) for s in range(seeds)])
 

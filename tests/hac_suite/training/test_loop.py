@@ -12,6 +12,7 @@ from hac_suite.learning import learners
 from hac_suite.policy import Policy
 from hac_suite.training import loop
 from hac_suite.training.callback import Callback
+from tests.hac_suite.learning.level import needs_bf16
 from tests.hac_suite.tiny_envs import PointEnv
 
 SMALL = dataclasses.replace(
@@ -24,7 +25,13 @@ SMALL = dataclasses.replace(
     replay_capacity=20_000,
 )
 FAST = dataclasses.replace(SMALL, episodes_per_period=8, updates_per_episode=2, test_episodes=4)
-LEARNERS = tuple(learners.LEARNERS)
+EVERY_LEARNER = pytest.mark.parametrize(
+    ("learner", "precision"),
+    [
+        *((name, "fp32") for name in learners.LEARNERS),
+        *(pytest.param(name, "bf16", marks=needs_bf16) for name in learners.LEARNERS),
+    ],
+)
 
 
 def make_env(num_envs: int) -> PointEnv:
@@ -68,9 +75,9 @@ def without_clock(row: dict) -> dict:
 
 
 @pytest.mark.parametrize("layers", [0, 1, 2])
-@pytest.mark.parametrize("learner", LEARNERS)
-def test_a_seed_alone_equals_that_seed_in_a_population(learner, layers):
-    config = dataclasses.replace(FAST, learner=learner)
+@EVERY_LEARNER
+def test_a_seed_alone_equals_that_seed_in_a_population(learner, precision, layers):
+    config = dataclasses.replace(FAST, learner=learner, precision=precision)
     together = run(config, [3, 1, 4, 15, 9, 2], layers, periods=2)
     for position, seed in [(1, 1), (4, 9), (5, 2)]:  # the last one is in a part of its own
         alone = run(config, [seed], layers, periods=2)
@@ -81,9 +88,9 @@ def test_a_seed_alone_equals_that_seed_in_a_population(learner, layers):
 
 
 @pytest.mark.parametrize("batch_size", [37, 100])
-@pytest.mark.parametrize("learner", LEARNERS)
-def test_batches_that_do_not_fill_registers_keep_seeds_independent(learner, batch_size):
-    config = dataclasses.replace(FAST, learner=learner, batch_size=batch_size)
+@EVERY_LEARNER
+def test_batches_that_do_not_fill_registers_keep_seeds_independent(learner, precision, batch_size):
+    config = dataclasses.replace(FAST, learner=learner, precision=precision, batch_size=batch_size)
     (*_, together), (*_, alone) = run(config, [3, 1, 4], 1, 2), run(config, [1], 1, 2)
     assert same(alone.policies[0], together.policies[1])
 

@@ -17,6 +17,7 @@ from hac_suite.state import SeedState
 from hac_suite.training import loop
 from hac_suite.training.callback import Boundary, Callback
 from tests.cases import some_slow
+from tests.hac_suite.learning.level import needs_bf16
 from tests.hac_suite.tiny_envs import PointEnv
 
 # Small rings, so that they are full and turning when a training is interrupted.
@@ -30,7 +31,15 @@ TINY = dataclasses.replace(
     replay_capacity=100,
 )
 TD3 = dataclasses.replace(TINY, learner="td3", policy_delay=3)  # rounds end in mid-delay
-BOTH = pytest.mark.parametrize("config", [TINY, TD3], ids=["ddpg", "td3"])
+MIXED = dataclasses.replace(TINY, precision="bf16")
+EVERY_CONFIG = pytest.mark.parametrize(
+    "config",
+    [
+        pytest.param(TINY, id="ddpg"),
+        pytest.param(TD3, id="td3"),
+        pytest.param(MIXED, id="ddpg in bf16", marks=needs_bf16),
+    ],
+)
 SEEDS = (3, 1, 4)
 
 
@@ -113,7 +122,7 @@ def without_clock(numbers: dict) -> dict:
 
 
 @pytest.mark.parametrize("layers", some_slow((0, 1, 2), 0, 2))
-@BOTH
+@EVERY_CONFIG
 def test_resumed_at_any_boundary_equals_uninterrupted(config, layers, tmp_path):
     """Networks, optimisers, replay, streams, counts and rows; the last policies with the rows."""
     kept_boundaries = Boundaries()
@@ -136,7 +145,7 @@ def test_resumed_at_any_boundary_equals_uninterrupted(config, layers, tmp_path):
     assert last[0].numbers["rows"][-1]["diverged_episodes"] > 0
 
 
-@BOTH
+@EVERY_CONFIG
 def test_seeds_go_on_in_any_grouping(config, tmp_path):
     _, last = train(1, config=config)
     start = stopped_at(4, tmp_path, 1, config=config)
@@ -156,7 +165,7 @@ def test_seeds_go_on_in_any_grouping(config, tmp_path):
                 assert torch.equal(ours.tensors[name], tensor), (index, name)
 
 
-@BOTH
+@EVERY_CONFIG
 def test_interrupted_again_and_again(config, tmp_path):
     _, (last,) = train(2, seeds=[5], periods=2, config=config)
     states: list[SeedState] = []
@@ -196,7 +205,7 @@ def test_seeds_of_one_checkpoint_stand_at_one_time(tmp_path):
     assert len({state.numbers["seconds"] for state in states}) == 1 < len(states)
 
 
-@BOTH
+@EVERY_CONFIG
 def test_restoring_leaves_all_memory_in_place(config, tmp_path):
     """Views of some of the seeds, and captured graphs, point at it."""
     start = stopped_at(3, tmp_path, 1, config=config)

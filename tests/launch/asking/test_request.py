@@ -57,6 +57,16 @@ def test_overrides_change_one_field_each():
     assert config.learning_rate == hac_suite.PRESETS["suite"].learning_rate
 
 
+@pytest.mark.parametrize("flag", ["--precision=bf16", "--config.precision=bf16"])
+def test_a_precision_is_asked_for_and_checked_on_this_machine(flag, monkeypatch):
+    monkeypatch.setattr(torch.cpu, "get_capabilities", lambda: {"avx512_bf16": True})
+    assert parse(flag).config.precision == "bf16"
+    monkeypatch.setattr(torch.cpu, "get_capabilities", lambda: {})
+    with pytest.raises(CommandError, match="neither avx512_bf16 nor amx_bf16"):
+        parse(flag)
+    assert parse(flag, "--executor=ray").config.precision == "bf16"
+
+
 def test_a_learner_and_its_keys_are_flags():
     config = parse(
         "--config.learner=td3", "--config.target_noise=0.1", "--config.target_noise_clip=1",

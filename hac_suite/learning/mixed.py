@@ -1,0 +1,170 @@
+"""Networks that multiply in bfloat16 between their hidden layers, and the choice of a precision.
+
+A processor with avx512_bf16 or AMX multiplies bfloat16 numbers about twice as fast as float32 ones,
+and adds the products up in float32. The parameters stay float32, and so do the products of the
+first layer, where small differences between states decide whether a goal is achieved, and those of
+the last, a critic's value.
+"""
+
+from typing import NamedTuple
+
+import torch
+
+from hac_suite.learning.networks import MIN_OUTPUTS, StackedMLP, rows_of_columns
+
+
+class MixedMLP(StackedMLP):
+    """As `StackedMLP`, but products between hidden layers are of numbers rounded to bfloat16."""
+
+    def _bind(self, parameters: torch.Tensor, gradient: torch.Tensor) -> None:
+        super()._bind(parameters, gradient)
+        self._rounded = torch.empty_like(parameters, dtype=torch.bfloat16)
+        self._rounded_weights = self._views(self._rounded)
+        self._rounded_to_hidden = [w[..., :-1].transpose(1, 2) for w in self._rounded_weights]
+        self._to_act_with: StackedMLP | None = None
+
+    def to_act_with(self) -> StackedMLP:
+        """Networks of the same parameters that round nothing: what is tested is what is saved."""
+        if self._to_act_with is None:
+            exact = StackedMLP(len(self.parameters), (*self.sizes[:-1], self.outputs))
+            exact._bind(self.parameters, self.gradient)
+            self._to_act_with = exact
+        return self._to_act_with
+
+    def forward(self, inputs: torch.Tensor) -> torch.Tensor:
+        space = self._workspace(inputs.shape[2])
+        self._inputs = inputs
+        self._rounded.copy_(self.parameters)
+        torch.bmm(self.weights[0], inputs, out=space.first)
+        space.hidden[0].copy_(space.first)
+        _relu(space.bits[0])
+        for layer in range(1, len(self.weights) - 1):
+            weight, below = self._rounded_weights[layer], space.with_ones[layer - 1]
+            torch.bmm(weight, below, out=space.hidden[layer])
+            _relu(space.bits[layer])
+        space.last.copy_(space.with_ones[-1])
+        torch.bmm(self.weights[-1], space.last, out=space.output)
+        return space.returned
+
+    def backward(
+        self,
+        output_gradient: torch.Tensor,
+        *,
+        parameters: bool = True,
+        accumulate: bool = False,
+        inputs: int = 0,
+    ) -> torch.Tensor | None:
+        space = self._workspace(output_gradient.shape[2])
+        beta = int(accumulate)
+        space.returned_gradient.copy_(output_gradient)
+        if parameters:
+            self._weight_gradients[-1].baddbmm_(
+                space.output_gradient, space.last_transposed, beta=beta
+            )
+        into, *others = reversed(space.gradients)
+        torch.bmm(self._to_hidden[-1], space.output_gradient, out=space.last_gradient)
+        into.copy_(space.last_gradient)
+        for layer in range(len(self.weights) - 2, 0, -1):
+            gradient = _relu_backward(into, space.bits[layer])
+            if parameters:
+                product = space.products[layer]
+                torch.bmm(gradient, space.transposed[layer - 1], out=product)
+                total = self._weight_gradients[layer]
+                if accumulate:
+                    total.add_(product)
+                else:
+                    total.copy_(product)
+            into = others.pop(0)
+            torch.bmm(self._rounded_to_hidden[layer], gradient, out=into)
+        space.first.copy_(_relu_backward(into, space.bits[0]))
+        if parameters:
+            self._weight_gradients[0].baddbmm_(space.first, self._inputs.transpose(1, 2), beta=beta)
+        if not inputs:
+            return None
+        rows = max(inputs, MIN_OUTPUTS)
+        found = space.input_gradient[:, :rows]
+        torch.bmm(self.weights[0][..., :rows].transpose(1, 2), space.first, out=found)
+        return found[:, :inputs]
+
+    def _new_workspace(self, columns: int) -> "_MixedWorkspace":
+        return _MixedWorkspace(self, columns)
+
+
+def _relu(bits: torch.Tensor) -> None:
+    """ReLU of bfloat16 numbers by their bits as int16, which is five times as fast.
+
+    Both have the sign in the first bit, so what is negative as one is negative as the other.
+    """
+    bits.clamp_min_(0)
+
+
+def _relu_backward(gradient: torch.Tensor, bits: torch.Tensor) -> torch.Tensor:
+    """Zeroes the gradient where the ReLU's output was zero: as int16, see `_relu`."""
+    own = gradient.view(torch.int16)
+    torch.ops.aten.threshold_backward.grad_input(own, bits, 0, grad_input=own)
+    return gradient
+
+
+class _MixedWorkspace:
+    """Buffers for one batch size; `first` and `last` are float32, and so is all that is outside."""
+
+    def __init__(self, network: StackedMLP, columns: int):
+        seeds, sizes = len(network.parameters), network.sizes
+        hidden = sizes[1:-1]
+
+        def new(rows: int, dtype: torch.dtype = torch.float32) -> torch.Tensor:
+            return rows_of_columns(seeds, rows, columns, dtype=dtype)
+
+        self.with_ones = [new(width + 1, torch.bfloat16) for width in hidden]
+        for buffer in self.with_ones:
+            buffer[:, -1] = 1
+        self.hidden = [buffer[:, :-1] for buffer in self.with_ones]
+        self.bits = [h.view(torch.int16) for h in self.hidden]
+        self.transposed = [buffer.transpose(1, 2) for buffer in self.with_ones]
+        # Two buffers in turn serve all layers: a gradient is done with once the next is known.
+        turns = [new(max(hidden), torch.bfloat16) for _ in range(2)]
+        self.gradients = [turns[i % 2][:, :width] for i, width in enumerate(hidden)]
+        self.products = [torch.empty(w.shape, dtype=torch.bfloat16) for w in network.weights]
+        self.first, self.last = new(hidden[0]), new(hidden[-1] + 1)
+        self.last_transposed = self.last.transpose(1, 2)
+        self.last_gradient = new(hidden[-1])
+        self.output, self.output_gradient = new(sizes[-1]), new(sizes[-1])
+        self.input_gradient = new(sizes[0])
+        self.returned = self.output[:, : network.outputs]
+        self.returned_gradient = self.output_gradient[:, : network.outputs]
+
+
+class Precision(NamedTuple):
+    """What a population's updates compute with on a CPU."""
+
+    networks: type[StackedMLP]
+    # So many seeds do a whole round of updates, and so many rows of a batch a pass: what they need
+    # stays in the cache. In bfloat16 that is less, and calls cost more.
+    seeds_at_a_time: int
+    rows_at_a_time: int
+
+
+PRECISIONS = {"fp32": Precision(StackedMLP, 5, 256), "bf16": Precision(MixedMLP, 10, 1024)}
+
+
+def check(word: str, device: torch.device | str = "cpu") -> None:
+    """Checks that this machine has a precision.
+
+    Raises:
+        ValueError: the precision is bf16, and the processor is no faster with it, or a GPU learns.
+    """
+    if word == "fp32":
+        return
+    if torch.device(device).type != "cpu":
+        raise ValueError(f"precision is 'bf16', which is for CPUs, not for {device}; leave it out.")
+    if not has_bf16():
+        raise ValueError(
+            "precision is 'bf16', but this processor has neither avx512_bf16 nor amx_bf16, and "
+            "multiplies such numbers slower than float32; leave it out."
+        )
+
+
+def has_bf16() -> bool:
+    """Whether the processor multiplies bfloat16 numbers."""
+    able = torch.cpu.get_capabilities()
+    return bool(able.get("avx512_bf16") or able.get("amx_bf16"))
