@@ -10,6 +10,8 @@ from hac_suite.learning import learners
 # Sources: "text" is the preprint; R18 and R20 are the authors' releases of July 2018 and May 2020;
 # "ours" was measured on this project's tasks.
 
+PrecisionName = Literal["fp32", "bf16"]
+
 
 class _Part:
     """Base of a config's parts: checks of fields."""
@@ -107,7 +109,7 @@ class LearnerConfig(_Part):
     hidden_sizes: tuple[int, ...] = (64, 64, 64)  # R18, R20
     # bf16: products between hidden layers are of rounded numbers (ours). Faster where the processor
     # has avx512_bf16 or AMX, and refused elsewhere.
-    precision: Literal["fp32", "bf16"] = "fp32"
+    precision: PrecisionName = "fp32"
     replay_capacity: int = 300_000  # transitions per level and seed; ours
     bounded_critic: bool = True  # R20: -F * sigmoid, and targets clipped to [-F, 0]
     # F: T_i (R20), or the least return that T_i attempts can have, (1 - g^T_i) / (1 - g) (ours).

@@ -18,9 +18,9 @@ class MixedMLP(StackedMLP):
 
     def _bind(self, parameters: torch.Tensor, gradient: torch.Tensor) -> None:
         super()._bind(parameters, gradient)
-        self._rounded = torch.empty_like(parameters, dtype=torch.bfloat16)
-        self._rounded_weights = self._views(self._rounded)
-        self._rounded_to_hidden = [w[..., :-1].transpose(1, 2) for w in self._rounded_weights]
+        # Per layer in one piece each, which products take as they are.
+        self._rounded = [torch.empty(w.shape, dtype=torch.bfloat16) for w in self.weights]
+        self._rounded_to_hidden = [w[..., :-1].transpose(1, 2) for w in self._rounded]
         self._to_act_with: StackedMLP | None = None
 
     def to_act_with(self) -> StackedMLP:
@@ -34,12 +34,12 @@ class MixedMLP(StackedMLP):
     def forward(self, inputs: torch.Tensor) -> torch.Tensor:
         space = self._workspace(inputs.shape[2])
         self._inputs = inputs
-        self._rounded.copy_(self.parameters)
         torch.bmm(self.weights[0], inputs, out=space.first)
         space.hidden[0].copy_(space.first)
         _relu(space.bits[0])
         for layer in range(1, len(self.weights) - 1):
-            weight, below = self._rounded_weights[layer], space.with_ones[layer - 1]
+            weight, below = self._rounded[layer], space.with_ones[layer - 1]
+            weight.copy_(self.weights[layer])
             torch.bmm(weight, below, out=space.hidden[layer])
             _relu(space.bits[layer])
         space.last.copy_(space.with_ones[-1])

@@ -11,9 +11,11 @@ from typing import Any, NamedTuple
 import torch
 
 import hac_suite
+from hac_suite.config import PrecisionName
 from hac_suite.learning.ddpg import DDPG
 from tests.bench.population import TASK, Training
 from tests.bench.repeats import REPEATS, entry, rounded
+from tests.bench.same_work import precisions
 from tests.bench.team import Team
 
 BATCHES = (256, 1024)
@@ -33,8 +35,10 @@ class Rates(NamedTuple):
 class Updates:
     """Whole rounds of updates of a flat population: drawing, gathering, learning, averaging."""
 
-    def __init__(self, batch: int):
-        config = dataclasses.replace(hac_suite.PRESETS["suite"], batch_size=batch)
+    def __init__(self, batch: int, precision: PrecisionName):
+        config = dataclasses.replace(
+            hac_suite.PRESETS["suite"], batch_size=batch, precision=precision
+        )
         self._training = Training(TASK, config, range(SEEDS), 0)
         self._training.fill([_ROWS])
         self._flops = update_flops(self._training.learners[0], batch)
@@ -78,23 +82,33 @@ def product_flops(sizes: Sequence[int], batch: int) -> list[int]:
 
 
 def gemm(say: Callable[[str], None]) -> dict[str, Any]:
-    """`gemm_share`, the lesser share of both batch sizes, and each of them."""
-    rates: dict[int, list[Rates]] = {batch: [] for batch in BATCHES}
+    """`gemm_share`, the lesser share of both batch sizes, and each of them.
+
+    Where the processor has bf16, also how many times as fast updates are with it.
+    """
+    rates: dict[tuple[int, str], list[Rates]] = {}
     with contextlib.ExitStack() as opened:
         teams = {}
-        for batch in BATCHES:
-            say(f"updates of {SEEDS} seeds, batch {batch}, against products of {_SIZE}^3")
-            teams[batch] = opened.enter_context(Team(Updates, [(batch,)]))
+        for case in itertools.product(BATCHES, precisions()):
+            batch, precision = case
+            say(f"updates of {SEEDS} seeds, batch {batch}, {precision}, and products of {_SIZE}^3")
+            teams[case] = opened.enter_context(Team(Updates, [case]))
+            rates[case] = []
         for repeat in range(1 + REPEATS):
-            for batch, team in teams.items():
+            for case, team in teams.items():
                 (measured,) = team.work()[1]
                 if repeat:  # the first is a warm-up
-                    rates[batch].append(measured)
-    shares = {batch: [r.updates / r.products for r in rates[batch]] for batch in BATCHES}
+                    rates[case].append(measured)
+    exact = {batch: rates[batch, "fp32"] for batch in BATCHES}
+    shares = {batch: [r.updates / r.products for r in exact[batch]] for batch in BATCHES}
     worst = min(shares.values(), key=median)
     report = entry("gemm_share", worst)
     for batch in BATCHES:
         report |= entry(f"gemm_share_b{batch}", shares[batch])
-        report[f"update_gflops_b{batch}"] = rounded(median(r.updates for r in rates[batch]) / 1e9)
-    report["gemm_gflops"] = rounded(median(r.products for v in rates.values() for r in v) / 1e9)
+        report[f"update_gflops_b{batch}"] = rounded(median(r.updates for r in exact[batch]) / 1e9)
+        if in_bf16 := rates.get((batch, "bf16")):
+            pairs = zip(in_bf16, exact[batch], strict=True)
+            ratios = [half.updates / full.updates for half, full in pairs]
+            report |= entry(f"update_speed_bf16_b{batch}", ratios)
+    report["gemm_gflops"] = rounded(median(r.products for v in exact.values() for r in v) / 1e9)
     return report

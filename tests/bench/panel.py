@@ -5,12 +5,15 @@ while another process runs the same, so that both cores are busy as in a launch,
 as full as they are in the end; 3000 episodes and 11 test periods are extrapolated from that.
 """
 
+import dataclasses
 from collections.abc import Callable, Mapping, Sequence
 from statistics import median
 from typing import Any, NamedTuple
 
 import hac_suite
 import tasks
+from hac_suite.config import PrecisionName
+from hac_suite.learning import mixed
 from launch.folder.agents import Agent, Job
 from launch.jobs.planning import Group, makespan, plan
 from tests.bench.population import TASK, Training
@@ -81,10 +84,9 @@ class Parts(NamedTuple):
 class JobSample:
     """A worker that runs a little of a job."""
 
-    def __init__(self, job: Job):
-        self._training = Training(
-            job.agent.task, hac_suite.PRESETS["suite"], job.seeds, job.agent.subgoal_layers
-        )
+    def __init__(self, job: Job, precision: PrecisionName):
+        config = dataclasses.replace(hac_suite.PRESETS["suite"], precision=precision)
+        self._training = Training(job.agent.task, config, job.seeds, job.agent.subgoal_layers)
 
     def __call__(self, rounds: int) -> Sample:
         training = self._training
@@ -97,38 +99,41 @@ class JobSample:
 
 def panel(say: Callable[[str], None]) -> dict[str, Any]:
     """`panel_minutes` and the shares of every task, and the memory of pick-and-place."""
-    measured: dict[str, list[Measured]] = {}
-    for task in tasks.ALL:
-        groups = {Group(Agent(task, layers)): tuple(range(SEEDS)) for layers in LAYERS}
-        jobs = plan(groups, WORKERS)
-        measured[task] = []
-        for job in jobs:
-            say(f"panel: {job.agent}, {len(job.seeds)} seeds")
-            measured[task].append(measure(job))
+    measured = {task: _measured(task, "fp32", say) for task in tasks.ALL}
     say("panel: writing results, figures and the report")
     with Team(Writing, [(TASK,)]) as team:
         (written,) = team.work([m.samples[0].rows for m in measured[TASK]], 1 + PERIODS)[1]
-    return report(measured, written)
+    found = report(measured, written)
+    if mixed.has_bf16():
+        found |= entry("panel_minutes_bf16", minutes(_measured(TASK, "bf16", say), written))
+        found["panel_minutes_bf16_task"] = TASK
+    return found
 
 
-def measure(job: Job, *, rounds: int = _ROUNDS) -> Measured:
+def _measured(task: str, precision: PrecisionName, say: Callable[[str], None]) -> list[Measured]:
+    """The jobs of a task's panel."""
+    groups = {Group(Agent(task, layers)): tuple(range(SEEDS)) for layers in LAYERS}
+    found = []
+    for job in plan(groups, WORKERS):
+        say(f"panel: {job.agent}, {len(job.seeds)} seeds, {precision}")
+        found.append(measure(job, precision))
+    return found
+
+
+def measure(job: Job, precision: PrecisionName, *, rounds: int = _ROUNDS) -> Measured:
     """Runs a little of the job in as many processes as there are workers."""
-    with Team(JobSample, [(job,)] * WORKERS) as team:
+    with Team(JobSample, [(job, precision)] * WORKERS) as team:
         samples = team.work(rounds)[1]
         return Measured(job, team.start_seconds, samples)
 
 
 def report(measured: Mapping[str, Sequence[Measured]], written: Written) -> dict[str, Any]:
     """The entries of the report."""
-    minutes, intervals, shares, rests = {}, {}, {}, {}
+    middles, intervals, shares, rests = {}, {}, {}, {}
     for task, jobs in measured.items():
-        # One estimate of the panel for each timed round: those of all jobs, side by side.
-        by_round = list(zip(*(job.estimates() for job in jobs), strict=True))
-        ends = [makespan([sum(parts) for parts in of_jobs], WORKERS) for of_jobs in by_round]
-        samples = [(seconds + written.seconds / WORKERS) / 60 for seconds in ends]
-        middle, interval = summary(samples)
-        minutes[task], intervals[task] = rounded(middle), [rounded(end) for end in interval]
-        sums = [_sum(of_jobs, written.seconds) for of_jobs in by_round]
+        middle, interval = summary(minutes(jobs, written))
+        middles[task], intervals[task] = rounded(middle), [rounded(end) for end in interval]
+        sums = [_sum(of_jobs, written.seconds) for of_jobs in _by_round(jobs)]
         shares[task] = {
             name: rounded(median(getattr(s, name) / sum(s) for s in sums)) for name in Parts._fields
         }
@@ -137,11 +142,21 @@ def report(measured: Mapping[str, Sequence[Measured]], written: Written) -> dict
         **entry("non_update_share", max(rests.values(), key=median)),
         "non_update_share_how": "bookkeeping, acting and testing, worst task; physics is apart",
         "panel_shares": shares,
-        "panel_minutes": minutes,
+        "panel_minutes": middles,
         "panel_minutes_ci": intervals,
         "panel_minutes_how": _HOW,
         **_memory(measured[TASK], written.gib),
     }
+
+
+def minutes(jobs: Sequence[Measured], written: Written) -> list[float]:
+    """How long the panel takes: one estimate of all jobs for each timed round."""
+    ends = [makespan([sum(p) for p in of_jobs], WORKERS) for of_jobs in _by_round(jobs)]
+    return [(seconds + written.seconds / WORKERS) / 60 for seconds in ends]
+
+
+def _by_round(jobs: Sequence[Measured]) -> list[tuple["Parts", ...]]:
+    return list(zip(*(job.estimates() for job in jobs), strict=True))
 
 
 def _sum(jobs: Sequence[Parts], written: float) -> Parts:

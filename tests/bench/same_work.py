@@ -1,12 +1,16 @@
 """The same work done by us and by a peer: 10 seeds over two processes, taking turns."""
 
+import contextlib
 import dataclasses
+import itertools
 from collections.abc import Callable, Sequence
 from statistics import median
 from typing import Any, NamedTuple
 
 import hac_suite
 import tasks
+from hac_suite.config import PrecisionName
+from hac_suite.learning import mixed
 from tests.bench.plain_hac import ArrayReplay, PlainAgents, Replay
 from tests.bench.population import TASK, Training
 from tests.bench.repeats import REPEATS, entry, rounded
@@ -49,8 +53,7 @@ def sb3(say: Say) -> dict[str, Any]:
         config = dataclasses.replace(
             hac_suite.PRESETS["suite"], batch_size=batch, updates_per_episode=updates
         )
-        ours, peer = compare(TASK, config, 0, Sb3Agents, ())
-        report |= entries(f"sb3_same_work_b{batch}", ours, peer)
+        report |= compare(f"sb3_same_work_b{batch}", TASK, config, 0, Sb3Agents, ())
     return report
 
 
@@ -64,21 +67,21 @@ def plain_hac(say: Say) -> dict[str, Any]:
     ):
         say(f"plain HAC, {layers} subgoal layer{'s' * (layers > 1)}, replay in {held}")
         config = hac_suite.PRESETS["paper"]
-        report |= entries(key, *compare(TASK, config, layers, PlainAgents, (layers, replay)))
+        report |= compare(key, TASK, config, layers, PlainAgents, (layers, replay))
     return report
 
 
 def compare(
+    key: str,
     task: str,
     config: hac_suite.Config,
     subgoal_layers: int,
     make_peer: Callable[..., Any],
     arguments: tuple,
-    *,
-    seeds: Sequence[Sequence[int]] = SEEDS,
-    repeats: int = REPEATS,
-) -> tuple[list[Turn], list[Turn]]:
-    """Turns of ours and of the peer's, after a warm-up of each.
+) -> dict[str, Any]:
+    """The entries of turns of ours and of the peer's, after a warm-up of each.
+
+    Where the processor has bf16, ours take turns in both precisions.
 
     Args:
       make_peer: called with task, config, the seeds of a process and `arguments`.
@@ -86,20 +89,38 @@ def compare(
     Raises:
       AssertionError: one did other work than the other, or than was asked for.
     """
+    configs = {
+        f"{key}{suffix}": dataclasses.replace(config, precision=precision)
+        for precision, suffix in precisions().items()
+    }
     episodes = ROUNDS * config.episodes_per_round
-    with (
-        Team(Ours, [(task, config, own, subgoal_layers) for own in seeds]) as ours,
-        Team(make_peer, [(task, config, own, *arguments) for own in seeds]) as peer,
-    ):
-        turns: tuple[list[Turn], list[Turn]] = ([], [])
-        for _ in range(1 + repeats):
-            for team, taken in zip((ours, peer), turns, strict=True):
+    turns: dict[str, list[Turn]] = {name: [] for name in (*configs, "peer")}
+    with contextlib.ExitStack() as opened:
+        teams = {
+            name: opened.enter_context(
+                Team(Ours, [(task, c, own, subgoal_layers) for own in SEEDS])
+            )
+            for name, c in configs.items()
+        }
+        teams["peer"] = opened.enter_context(
+            Team(make_peer, [(task, config, own, *arguments) for own in SEEDS])
+        )
+        for _ in range(1 + REPEATS):
+            for name, team in teams.items():
                 seconds, works = team.work(episodes)
-                taken.append(Turn(seconds, total(works)))
-    count = sum(len(own) for own in seeds)
-    for turn in (*turns[0], *turns[1]):
+                turns[name].append(Turn(seconds, total(works)))
+    count = sum(len(own) for own in SEEDS)
+    for turn in itertools.chain(*turns.values()):
         check(turn.work, task, config, subgoal_layers, count * episodes)
-    return turns[0][1:], turns[1][1:]
+    report: dict[str, Any] = {}
+    for name in configs:
+        report |= entries(name, turns[name][1:], turns["peer"][1:])
+    return report
+
+
+def precisions() -> dict[PrecisionName, str]:
+    """The precisions that this machine has, and what an entry's name has at its end."""
+    return {"fp32": "", "bf16": "_bf16"} if mixed.has_bf16() else {"fp32": ""}
 
 
 def check(
