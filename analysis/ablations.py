@@ -40,6 +40,7 @@ LABELS = {
     "no_hindsight_actions": "no hindsight actions",
     "no_hindsight_goals": "no hindsight goals",
     "penalise_cut_short": "penalty for attempts cut short",
+    "bf16": "products in bfloat16",
 }
 _NOTHING = "{folder}: holds no results of variants; run `python launch/ablate.py` first"
 _COLOUR, _GREY = "#1558c0", "#777777"

@@ -18,6 +18,7 @@ from absl import flags
 import hac_suite
 from analysis import program
 from analysis.program import CommandError, unknown
+from hac_suite.learning import mixed
 from launch import experiment
 from launch.asking import request
 from launch.asking.request import Request
@@ -63,8 +64,10 @@ VARIANTS: Mapping[str, Mapping[str, Any]] = {
     "no_hindsight_actions": {"hindsight_actions": False},
     "no_hindsight_goals": {"hindsight_goals": 0},
     "penalise_cut_short": {"penalise_cut_short": True},
+    "bf16": {"precision": "bf16"},
 }
 """What each variant changes in the config."""
+_ONLY_ASKED = ("bf16",)  # not every processor has it
 
 Run = Callable[[Request, Sequence[str]], int]
 
@@ -95,8 +98,12 @@ def _flags() -> flags.FlagValues:
     values.set_default("out", _OUT)
     values["out"].help = "folder for the variants' run folders"
     values.set_default("video", False)
-    flags.DEFINE_list("variants", list(VARIANTS), "which to train", flag_values=values)
+    flags.DEFINE_list("variants", _usual(), "which to train", flag_values=values)
     return values
+
+
+def _usual() -> list[str]:
+    return [name for name in VARIANTS if name not in _ONLY_ASKED]
 
 
 def _named(words: Sequence[str]) -> Sequence[str]:
@@ -111,7 +118,9 @@ def _named(words: Sequence[str]) -> Sequence[str]:
 def _changed(config: hac_suite.Config, variant: str) -> hac_suite.Config:
     """Raises CommandError where the variant cannot have the rest of the config."""
     try:
-        return dataclasses.replace(config, **VARIANTS[variant])
+        changed = dataclasses.replace(config, **VARIANTS[variant])
+        mixed.check(changed.precision)
+        return changed
     except ValueError as error:
         raise CommandError(f"variant {variant}: {error}; leave it out of --variants") from error
 

@@ -3,6 +3,7 @@
 import dataclasses
 
 import pytest
+import torch
 
 import hac_suite
 from launch import ablate
@@ -31,14 +32,13 @@ def runs() -> Runs:
 def test_every_variant_is_trained_in_a_folder_of_its_own_with_its_choice_alone(runs, tmp_path):
     words = ["launch/ablate.py", "--task=pendulum_balance", "--seeds=5", f"--out={tmp_path}"]
     assert ablate.main(words, run=runs) == 1
-    assert [request.out for request in runs.requests] == [
-        tmp_path / name for name in ablate.VARIANTS
-    ]
+    usual = [name for name in ablate.VARIANTS if name != "bf16"]
+    assert [request.out for request in runs.requests] == [tmp_path / name for name in usual]
     assert {request.tasks for request in runs.requests} == {("pendulum_balance",)}
     assert {len(request.seeds) for request in runs.requests} == {5}
     assert not any(request.video for request in runs.requests)
     assert runs.commands[2] == [*words, "--variants=release_2020"]
-    configs = dict(zip(ablate.VARIANTS, (request.config for request in runs.requests), strict=True))
+    configs = dict(zip(usual, (request.config for request in runs.requests), strict=True))
     paper = hac_suite.PRESETS["paper"]
     assert configs["paper"] == paper
     for year in ("release_2018", "release_2020"):
@@ -64,6 +64,17 @@ def test_some_variants_can_be_named(runs, capsys):
     assert len(runs.requests) == 2
     assert ablate.main(["", "--variants=no_hindsight"], run=runs) == 2
     assert "did you mean 'no_hindsight_goals'?" in capsys.readouterr().err
+    assert len(runs.requests) == 2
+
+
+def test_bf16_is_a_variant_where_the_processor_has_it(runs, capsys, monkeypatch):
+    monkeypatch.setattr(torch.cpu, "get_capabilities", lambda: {"amx_bf16": True})
+    assert ablate.main(["", "--variants=paper,bf16"], run=runs) == 1
+    exact, mixed = (request.config for request in runs.requests)
+    assert mixed == dataclasses.replace(exact, precision="bf16")
+    monkeypatch.setattr(torch.cpu, "get_capabilities", lambda: {})
+    assert ablate.main(["", "--variants=paper,bf16"], run=runs) == 2
+    assert "neither avx512_bf16 nor amx_bf16" in capsys.readouterr().err
     assert len(runs.requests) == 2
 
 
