@@ -3,7 +3,7 @@
 import dataclasses
 import math
 from collections.abc import Mapping
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 from hac_suite.learning import learners
 
@@ -107,8 +107,8 @@ class LearnerConfig(_Part):
     upper_updates_per_episode: int = 0
     learning_rate: float = 1e-3  # Adam, actor and critic; R18, R20
     hidden_sizes: tuple[int, ...] = (64, 64, 64)  # R18, R20
-    # bf16: products between hidden layers are of rounded numbers (ours). Faster where the processor
-    # has avx512_bf16 or AMX, and refused elsewhere.
+    # bf16: products between hidden layers are in bfloat16 (ours). Faster where the processor has
+    # avx512_bf16 or AMX, and refused elsewhere.
     precision: PrecisionName = "fp32"
     replay_capacity: int = 300_000  # transitions per level and seed; ours
     bounded_critic: bool = True  # R20: -F * sigmoid, and targets clipped to [-F, 0]
@@ -138,11 +138,16 @@ class LearnerConfig(_Part):
         self._require("learning_rate", 0 < self.learning_rate < math.inf, "above zero")
         self._require("initial_q", -1 < self.initial_q < 0, "between -1 and 0")
         self._require_one_of("critic_floor", "attempts", "returns")
-        self._require_one_of("precision", "fp32", "bf16")
+        self._require_one_of("precision", *get_args(PrecisionName))
         self._require(
             "hidden_sizes",
             len(self.hidden_sizes) > 0 and min(self.hidden_sizes) >= 2,
             "one or more sizes of at least 2",
+        )
+        self._require(
+            "precision",
+            self.precision == "fp32" or len(self.hidden_sizes) > 1,
+            "fp32 with one hidden layer: there are no products between hidden layers",
         )
         learners.check(self.learner)
         if self.learner == "td3":

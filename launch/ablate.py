@@ -18,7 +18,6 @@ from absl import flags
 import hac_suite
 from analysis import program
 from analysis.program import CommandError, unknown
-from hac_suite.learning import mixed
 from launch import experiment
 from launch.asking import request
 from launch.asking.request import Request
@@ -118,9 +117,7 @@ def _named(words: Sequence[str]) -> Sequence[str]:
 def _changed(config: hac_suite.Config, variant: str) -> hac_suite.Config:
     """Raises CommandError where the variant cannot have the rest of the config."""
     try:
-        changed = dataclasses.replace(config, **VARIANTS[variant])
-        mixed.check(changed.precision)
-        return changed
+        return dataclasses.replace(config, **VARIANTS[variant])
     except ValueError as error:
         raise CommandError(f"variant {variant}: {error}; leave it out of --variants") from error
 
@@ -128,6 +125,8 @@ def _changed(config: hac_suite.Config, variant: str) -> hac_suite.Config:
 def _train(asked: Request, variants: Sequence[str], command: Sequence[str], run: Run) -> int:
     """Carries out the request for each variant, in a folder of its own; the worst exit status."""
     worst, configs = 0, {variant: _changed(asked.config, variant) for variant in variants}
+    for config in configs.values():
+        request.check_precision(asked._replace(config=config))
     for variant, config in configs.items():
         print(f"==> {variant}", flush=True)
         own = asked._replace(config=config, out=asked.out / variant)

@@ -85,6 +85,7 @@ class DDPG(Learner):
     """Actor, critic, their targets, averages and optimisers of one level for S seeds."""
 
     on_gpu = True
+    in_bf16 = True
 
     def __init__(
         self,
@@ -241,7 +242,10 @@ class DDPG(Learner):
         self.actor.backward(gradient, accumulate=accumulate)
 
     def diagnose(self, rows: torch.Tensor) -> dict[str, list[float]]:
-        """Per seed: mean and least Q of the policy, share of Q at the bound, saturation."""
+        """Per seed: mean and least Q of the policy, share of Q at the bound, saturation.
+
+        All as updates see them: in bf16, of rounded numbers.
+        """
         block = self._now(rows)
         output, _ = self._act(self.actor, block)
         value = self._value(self.critic, block)

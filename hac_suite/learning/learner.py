@@ -43,11 +43,14 @@ class Learner(Protocol):
         tested_actor: the networks that test periods use and that policies contain.
         on_gpu: whether `update` can be captured as a CUDA graph: the same operations each time, and
             none of them on the CPU. Other learners are refused on a GPU.
+        in_bf16: whether it learns with the networks of `config.precision`. Other learners are
+            refused with `precision="bf16"`.
     """
 
     actor: StackedMLP
     tested_actor: StackedMLP
     on_gpu: ClassVar[bool] = False
+    in_bf16: ClassVar[bool] = False
 
     @abstractmethod
     def __init__(

@@ -10,7 +10,10 @@ from typing import NamedTuple
 
 import torch
 
+from hac_suite.learning.learner import Learner
 from hac_suite.learning.networks import MIN_OUTPUTS, StackedMLP, rows_of_columns
+
+_BF16 = torch.bfloat16
 
 
 class MixedMLP(StackedMLP):
@@ -18,9 +21,12 @@ class MixedMLP(StackedMLP):
 
     def _bind(self, parameters: torch.Tensor, gradient: torch.Tensor) -> None:
         super()._bind(parameters, gradient)
-        # Per layer in one piece each, which products take as they are.
-        self._rounded = [torch.empty(w.shape, dtype=torch.bfloat16) for w in self.weights]
-        self._rounded_to_hidden = [w[..., :-1].transpose(1, 2) for w in self._rounded]
+        middle = range(1, len(self.weights) - 1)
+        # Each in one piece, which products take as it is.
+        self._rounded = {i: torch.empty(self.weights[i].shape, dtype=_BF16) for i in middle}
+        self._rounded_to_hidden = {
+            i: weight[..., :-1].transpose(1, 2) for i, weight in self._rounded.items()
+        }
         self._to_act_with: StackedMLP | None = None
 
     def to_act_with(self) -> StackedMLP:
@@ -37,10 +43,9 @@ class MixedMLP(StackedMLP):
         torch.bmm(self.weights[0], inputs, out=space.first)
         space.hidden[0].copy_(space.first)
         _relu(space.bits[0])
-        for layer in range(1, len(self.weights) - 1):
-            weight, below = self._rounded[layer], space.with_ones[layer - 1]
+        for layer, weight in self._rounded.items():
             weight.copy_(self.weights[layer])
-            torch.bmm(weight, below, out=space.hidden[layer])
+            torch.bmm(weight, space.with_ones[layer - 1], out=space.hidden[layer])
             _relu(space.bits[layer])
         space.last.copy_(space.with_ones[-1])
         torch.bmm(self.weights[-1], space.last, out=space.output)
@@ -93,7 +98,8 @@ class MixedMLP(StackedMLP):
 def _relu(bits: torch.Tensor) -> None:
     """ReLU of bfloat16 numbers by their bits as int16, which is five times as fast.
 
-    Both have the sign in the first bit, so what is negative as one is negative as the other.
+    Both have the sign in the first bit, so what is negative as one is negative as the other. NaN
+    becomes 0: its first bit is set.
     """
     bits.clamp_min_(0)
 
@@ -108,23 +114,23 @@ def _relu_backward(gradient: torch.Tensor, bits: torch.Tensor) -> torch.Tensor:
 class _MixedWorkspace:
     """Buffers for one batch size; `first` and `last` are float32, and so is all that is outside."""
 
-    def __init__(self, network: StackedMLP, columns: int):
+    def __init__(self, network: MixedMLP, columns: int):
         seeds, sizes = len(network.parameters), network.sizes
         hidden = sizes[1:-1]
 
         def new(rows: int, dtype: torch.dtype = torch.float32) -> torch.Tensor:
             return rows_of_columns(seeds, rows, columns, dtype=dtype)
 
-        self.with_ones = [new(width + 1, torch.bfloat16) for width in hidden]
+        self.with_ones = [new(width + 1, _BF16) for width in hidden]
         for buffer in self.with_ones:
             buffer[:, -1] = 1
         self.hidden = [buffer[:, :-1] for buffer in self.with_ones]
         self.bits = [h.view(torch.int16) for h in self.hidden]
         self.transposed = [buffer.transpose(1, 2) for buffer in self.with_ones]
         # Two buffers in turn serve all layers: a gradient is done with once the next is known.
-        turns = [new(max(hidden), torch.bfloat16) for _ in range(2)]
+        turns = [new(max(hidden), _BF16) for _ in range(2)]
         self.gradients = [turns[i % 2][:, :width] for i, width in enumerate(hidden)]
-        self.products = [torch.empty(w.shape, dtype=torch.bfloat16) for w in network.weights]
+        self.products = {i: torch.empty_like(w) for i, w in network._rounded.items()}
         self.first, self.last = new(hidden[0]), new(hidden[-1] + 1)
         self.last_transposed = self.last.transpose(1, 2)
         self.last_gradient = new(hidden[-1])
@@ -138,8 +144,8 @@ class Precision(NamedTuple):
     """What a population's updates compute with on a CPU."""
 
     networks: type[StackedMLP]
-    # So many seeds do a whole round of updates, and so many rows of a batch a pass: what they need
-    # stays in the cache. In bfloat16 that is less, and calls cost more.
+    # Seeds that are updated together, and rows of a pass, so that their data fits in the cache. In
+    # bfloat16 it is smaller, and calls cost more.
     seeds_at_a_time: int
     rows_at_a_time: int
 
@@ -147,14 +153,20 @@ class Precision(NamedTuple):
 PRECISIONS = {"fp32": Precision(StackedMLP, 5, 256), "bf16": Precision(MixedMLP, 10, 1024)}
 
 
-def check(word: str, device: torch.device | str = "cpu") -> None:
-    """Checks that this machine has a precision.
+def check(word: str, device: torch.device | str, learner: type[Learner]) -> None:
+    """Checks that a learner can have a precision on this machine.
 
     Raises:
-        ValueError: the precision is bf16, and the processor is no faster with it, or a GPU learns.
+        ValueError: the precision is bf16, and the learner does not have it, or the processor lacks
+            its instructions, or the device is a GPU.
     """
     if word == "fp32":
         return
+    if not getattr(learner, "in_bf16", False):
+        raise ValueError(
+            f"precision is 'bf16', but the learner {learner.__name__} does not say "
+            "`in_bf16 = True`; leave it out."
+        )
     if torch.device(device).type != "cpu":
         raise ValueError(f"precision is 'bf16', which is for CPUs, not for {device}; leave it out.")
     if not has_bf16():

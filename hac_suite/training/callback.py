@@ -23,16 +23,17 @@ class Boundary(NamedTuple):
 
 
 class LostSeed(NamedTuple):
-    """A seed that has stopped: a weight of its networks is no longer a number."""
+    """A seed that has stopped: a weight of its networks, or what it saw, is not a number."""
 
     seed: int
-    level: int  # the lowest with such a weight
+    level: int  # the lowest with such a number
     updates: int  # of that level, when it was found
     train_episodes: int
 
     def __str__(self) -> str:
         return (
-            f"a weight of level {self.level} was not finite after {self.updates} updates "
+            f"a weight or a transition of level {self.level} was not finite after "
+            f"{self.updates} updates "
             f"({self.train_episodes} training episodes)"
         )
 
@@ -57,4 +58,4 @@ class Callback:
         """After each round, and after each test period once its result is consumed."""
 
     def on_lost(self, lost: LostSeed) -> None:
-        """When a seed stops because its weights are no longer finite."""
+        """When a seed stops because a weight or a transition is not finite."""

@@ -40,12 +40,12 @@ class Population:
             ValueError: the config's learner is not there, or cannot learn on the device, or the
                 machine lacks the config's precision.
         """
-        mixed.check(config.precision, device)
+        make = learners.find(config.learner)
+        mixed.check(config.precision, device, make)
         self.seeds, self.config, self.horizons = tuple(seeds), config, horizons
         self.levels: tuple[LevelSpec, ...] = level_specs(env, horizons)
         self._spaces = (env.goal_space, env.subgoal_space)
         on_cpu = torch.device(device).type == "cpu"
-        make = learners.find(config.learner)
         if not (on_cpu or make.on_gpu):
             raise ValueError(f"the learner {config.learner} learns on CPUs only, not on {device}.")
         self.learners: list[Learner] = [
@@ -65,6 +65,7 @@ class Population:
             [(a, b, learner.of_seeds(a, b)) for a, b in itertools.pairwise(edges)]
             for learner in self.learners
         ]
+        self._not_finite: dict[int, int] = {}  # levels by index of seeds, of their transitions
         self._explore = [exploration.stream(seed, Purpose.EXPLORE) for seed in self.seeds]
         self._replay_streams = [
             [exploration.stream(seed, Purpose.REPLAY, level) for seed in self.seeds]
@@ -104,13 +105,17 @@ class Population:
         built = transitions.build(
             recorded, self.config, self.horizons, draws.hindsight, *self._spaces
         )
-        for replay, made, spec in zip(self.replays, built, self.levels, strict=True):
+        levels = zip(self.replays, built, self.levels, strict=True)
+        for level, (replay, made, spec) in enumerate(levels):
             rows = replay.layout.pack(made, spec)
             owner = made.env // self.config.episodes_per_round
             order = np.argsort(owner, kind="stable")
             bounds = np.searchsorted(owner[order], np.arange(len(self.seeds) + 1))
             for seed in range(len(self.seeds)):
-                replay.add(seed, rows[order[bounds[seed] : bounds[seed + 1]]])
+                own = rows[order[bounds[seed] : bounds[seed + 1]]]
+                replay.add(seed, own)
+                if not np.isfinite(own).all():
+                    self._not_finite.setdefault(seed, level)
 
     def learn(self) -> None:
         """A round of updates on every level."""
@@ -135,13 +140,20 @@ class Population:
                     learner.update(rows)
 
     def broken(self) -> dict[int, int]:
-        """Which seeds (by index) have a weight that is no finite number, and their lowest level."""
+        """Which seeds (by index) have a weight or a transition that is no finite number.
+
+        Returns:
+            The lowest such level, by index. Such a transition is not left to show in the weights:
+            in bf16 a ReLU makes NaN zero.
+        """
         found: dict[int, int] = {}
         for level, learner in reversed(list(enumerate(self.learners))):
             # NaN and infinity survive being summed.
             sums = torch.stack([table.sum(1) for table in learner.parameters()])
             lost = ~torch.isfinite(sums).all(0)
             found.update(dict.fromkeys(lost.nonzero()[:, 0].tolist(), level))
+        for index, level in self._not_finite.items():
+            found[index] = min(level, found.get(index, level))
         return found
 
     def updates(self, index: int, level: int) -> int:

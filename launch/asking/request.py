@@ -7,7 +7,7 @@ import re
 import warnings
 from collections.abc import Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import NamedTuple, get_args
 
 import torch
 from absl import flags
@@ -15,9 +15,9 @@ from ml_collections import ConfigDict, config_flags
 
 import hac_suite
 from analysis import program
+from hac_suite.config import PrecisionName
 from hac_suite.learning import learners, mixed
 from hac_suite.learning.learner import Learner
-from hac_suite.learning.mixed import PRECISIONS
 from launch.asking import lists, settings
 
 CONFIGS = Path(__file__).parents[1] / "configs"
@@ -192,7 +192,7 @@ def _define_machines(values: flags.FlagValues) -> None:
     flags.DEFINE_enum(
         "precision",
         None,
-        list(PRECISIONS),
+        list(get_args(PrecisionName)),
         "short for --config.precision; bf16 is faster where the processor has avx512_bf16 or AMX",
         values,
     )
@@ -205,12 +205,10 @@ def _request(values: flags.FlagValues, settings_given: ConfigDict) -> Request:
     layers = lists.subgoal_layers(values.subgoal_layers)
     config = settings.to_config(settings_given)
     if values.precision:
-        config = dataclasses.replace(config, precision=values.precision)
+        config = _with_precision(config, values.precision)
     on_gpu = _learner(config.learner).on_gpu
     device = "cpu" if values.executor == "ray" else _device(values.device, on_gpu)
-    if values.executor == "local":  # another machine may have what this one lacks
-        _check_precision(config.precision, device)
-    return Request(
+    asked = Request(
         tasks=lists.tasks_named(lists.task_word(values)),
         subgoal_layers=layers,
         attempts=lists.attempts(values.T, layers),
@@ -228,6 +226,19 @@ def _request(values: flags.FlagValues, settings_given: ConfigDict) -> Request:
         device=device,
         config=config,
     )
+    check_precision(asked)
+    return asked
+
+
+def check_precision(asked: Request) -> None:
+    """Raises CommandError where this machine, or the learner, lacks the precision."""
+    if asked.ray_address is not None:  # the machines of a cluster may have what this one lacks
+        return
+    config = asked.config
+    try:
+        mixed.check(config.precision, asked.device, _learner(config.learner))
+    except ValueError as error:
+        raise program.CommandError(f"config: {error}") from error
 
 
 def _folder(name: str) -> Path:
@@ -297,10 +308,14 @@ def _device(word: str, on_gpu: bool) -> str:
     return "cpu"
 
 
-def _check_precision(word: str, device: str) -> None:
-    """Raises CommandError where this machine lacks the precision."""
+def _with_precision(config: hac_suite.Config, word: PrecisionName) -> hac_suite.Config:
+    """Raises CommandError where the config cannot have it, or is given another."""
+    if config.precision not in (word, hac_suite.PRESETS["suite"].precision):
+        raise program.CommandError(
+            f"flag --precision={word}: it disagrees with --config.precision={config.precision}"
+        )
     try:
-        mixed.check(word, device)
+        return dataclasses.replace(config, precision=word)
     except ValueError as error:
         raise program.CommandError(f"config: {error}") from error
 

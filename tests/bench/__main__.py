@@ -8,7 +8,7 @@ import json
 import os
 import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -55,7 +55,7 @@ def main() -> None:
     parts = arguments.part or [p for p in PARTS if p not in _ONLY_ASKED]
     report, failed = measure(parts, console, output)
     show(report, console)
-    if output is not None:
+    if output is not None and len(failed) < len(parts):
         console.print(f"wrote {output}", soft_wrap=True)
     if failed:
         sys.exit(f"failed, see above: {', '.join(failed)}")
@@ -64,11 +64,10 @@ def main() -> None:
 def measure(
     parts: Sequence[str], console: Console, output: Path | None = None
 ) -> tuple[dict[str, Any], list[str]]:
-    """The report, and the parts that failed: they leave what the others have measured alone.
+    """What the parts measure, and the names of those that fail; the others go on.
 
     Args:
-        output: where to write the report after each part. Entries of a file that is there already
-            stay if no part of this run measures them.
+        output: gets what each part has measured once it has. What other parts left there stays.
     """
     start = time.monotonic()
 
@@ -76,31 +75,40 @@ def measure(
         minutes, seconds = divmod(int(time.monotonic() - start), 60)
         console.print(f"{minutes:2d}:{seconds:02d} {text}", highlight=False)
 
-    report: dict[str, Any] = {}
-    if output is not None and output.exists():
-        report = json.loads(output.read_text())
-    report["repeats"] = REPEATS
-    on = {
+    about = {
         "commit": manifest.commit(),
         "machine": manifest.machine(),
         "versions": manifest.versions(),
+        "repeats": REPEATS,
     }
+    measured: dict[str, Any] = {}
     failed = []
     for part in parts:
         began = time.monotonic()
         try:
-            report |= PARTS[part](say)
+            found = PARTS[part](say)
         except Exception:
             console.print_exception()
             failed.append(part)
             continue
-        seconds = round(time.monotonic() - began)
-        report["parts"] = report.get("parts", {}) | {part: {"seconds": seconds, **on}}
+        measured |= found
         if output is not None:
-            output.parent.mkdir(parents=True, exist_ok=True)
-            write_text(output, json.dumps(report, indent=2) + "\n")
+            keep(output, part, found, {"seconds": round(time.monotonic() - began), **about})
     say("done")
-    return report, failed
+    return measured, failed
+
+
+def keep(output: Path, part: str, found: Mapping[str, Any], about: Mapping[str, Any]) -> None:
+    """Writes what a part has found in place of what it found before: how, and then the figures."""
+    held = json.loads(output.read_text()) if output.exists() else {}
+    parts = held.pop("parts", None)
+    if parts is None:  # nothing says which part measured what
+        held, parts = {}, {}
+    stale = parts.get(part, {}).get("figures", ())
+    kept = {name: value for name, value in held.items() if name not in stale}
+    parts |= {part: {**about, "figures": list(found)}}
+    output.parent.mkdir(parents=True, exist_ok=True)
+    write_text(output, json.dumps({"parts": parts, **kept, **found}, indent=2) + "\n")
 
 
 def show(report: dict[str, Any], console: Console) -> None:

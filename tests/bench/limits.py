@@ -108,7 +108,7 @@ def gemm(say: Callable[[str], None]) -> dict[str, Any]:
         report[f"update_gflops_b{batch}"] = rounded(median(r.updates for r in exact[batch]) / 1e9)
         if in_bf16 := rates.get((batch, "bf16")):
             pairs = zip(in_bf16, exact[batch], strict=True)
-            ratios = [half.updates / full.updates for half, full in pairs]
+            ratios = [mixed.updates / other.updates for mixed, other in pairs]
             report |= entry(f"update_speed_bf16_b{batch}", ratios)
     report["gemm_gflops"] = rounded(median(r.products for v in exact.values() for r in v) / 1e9)
     return report

@@ -105,8 +105,9 @@ def panel(say: Callable[[str], None]) -> dict[str, Any]:
         (written,) = team.work([m.samples[0].rows for m in measured[TASK]], 1 + PERIODS)[1]
     found = report(measured, written)
     if mixed.has_bf16():
-        found |= entry("panel_minutes_bf16", minutes(_measured(TASK, "bf16", say), written))
-        found["panel_minutes_bf16_task"] = TASK
+        middle, interval = summary(minutes(_measured(TASK, "bf16", say), written))
+        found["panel_minutes_bf16"] = {TASK: rounded(middle)}
+        found["panel_minutes_bf16_ci"] = {TASK: [rounded(end) for end in interval]}
     return found
 
 

@@ -4,9 +4,11 @@ import pytest
 import torch
 
 from hac_suite.learning import mixed
+from hac_suite.learning.ddpg import DDPG
+from hac_suite.learning.learner import Learner
 from hac_suite.learning.mixed import MixedMLP
 from hac_suite.learning.networks import StackedMLP
-from tests.hac_suite.learning.level import needs_bf16
+from hac_suite.learning.td3 import TD3
 
 SIZES = (18, 64, 64, 64, 1)
 
@@ -55,7 +57,6 @@ def reference(network: StackedMLP, parameters: torch.Tensor, block: torch.Tensor
     return output[:, : network.outputs]
 
 
-@needs_bf16
 def test_forward_and_backward_are_those_of_rounded_products():
     seeds = range(3)
     network, block = a_network(MixedMLP, seeds), inputs(seeds, 256)
@@ -75,7 +76,6 @@ def test_forward_and_backward_are_those_of_rounded_products():
         assert (ours - theirs).norm() < 4e-3 * theirs.norm()  # a last bit of bfloat16 is 8e-3
 
 
-@needs_bf16
 def test_it_is_near_what_float32_computes_and_not_the_same():
     seeds = range(2)
     exact, ours, block = a_network(StackedMLP, seeds), a_network(MixedMLP, seeds), inputs(seeds, 64)
@@ -84,7 +84,6 @@ def test_it_is_near_what_float32_computes_and_not_the_same():
     assert (found - output).norm() < 0.02 * output.norm()
 
 
-@needs_bf16
 @pytest.mark.parametrize("rows", [4, 64, 256, 1024])
 def test_a_seed_computes_the_same_bits_in_any_population(rows):
     def run(seeds: range) -> list[torch.Tensor]:
@@ -100,7 +99,6 @@ def test_a_seed_computes_the_same_bits_in_any_population(rows):
             assert torch.equal(alone, population[:stop])
 
 
-@needs_bf16
 def test_gradients_of_a_batch_in_pieces_add_up():
     seeds = range(2)
     network, block = a_network(MixedMLP, seeds), inputs(seeds, 32)
@@ -113,7 +111,6 @@ def test_gradients_of_a_batch_in_pieces_add_up():
     assert (network.gradient - whole).norm() < 0.01 * whole.norm()
 
 
-@needs_bf16
 def test_to_act_with_is_exact_and_follows_what_is_learnt():
     seeds = range(2)
     network, block = a_network(MixedMLP, seeds), inputs(seeds, 8)
@@ -139,12 +136,20 @@ def test_the_relu_of_bits_is_that_of_the_numbers():
 
 
 def test_a_processor_without_it_and_a_gpu_are_refused(monkeypatch):
-    mixed.check("fp32", "cuda")
+    mixed.check("fp32", "cuda", DDPG)
     monkeypatch.setattr(torch.cpu, "get_capabilities", lambda: {"avx512_f": True})
     with pytest.raises(ValueError, match="neither avx512_bf16 nor amx_bf16"):
-        mixed.check("bf16")
+        mixed.check("bf16", "cpu", DDPG)
     for name in ("avx512_bf16", "amx_bf16"):
         monkeypatch.setattr(torch.cpu, "get_capabilities", lambda name=name: {name: True})
-        mixed.check("bf16")
+        mixed.check("bf16", "cpu", TD3)
     with pytest.raises(ValueError, match="not for cuda"):
-        mixed.check("bf16", "cuda")
+        mixed.check("bf16", "cuda", DDPG)
+
+
+def test_a_learner_that_does_not_say_so_is_refused():
+    class Own(Learner):
+        pass
+
+    with pytest.raises(ValueError, match="the learner Own does not say `in_bf16 = True`"):
+        mixed.check("bf16", "cpu", Own)

@@ -1,6 +1,7 @@
 """The whole loop on a tiny environment: it learns, and a seed is an experiment."""
 
 import dataclasses
+import functools
 
 import numpy as np
 import pytest
@@ -78,8 +79,9 @@ def without_clock(row: dict) -> dict:
 @EVERY_LEARNER
 def test_a_seed_alone_equals_that_seed_in_a_population(learner, precision, layers):
     config = dataclasses.replace(FAST, learner=learner, precision=precision)
-    together = run(config, [3, 1, 4, 15, 9, 2], layers, periods=2)
-    for position, seed in [(1, 1), (4, 9), (5, 2)]:  # the last one is in a part of its own
+    seeds = [3, 1, 4, 15, 9, 2, 6, 5, 35, 8, 97]
+    together = run(config, seeds, layers, periods=2)
+    for position, seed in [(1, 1), (5, 2), (10, 97)]:  # the last one is in a part of its own
         alone = run(config, [seed], layers, periods=2)
         for ours, theirs in zip(alone, together, strict=True):
             expected = without_clock(theirs.rows[position])
@@ -125,6 +127,32 @@ def test_diverged_episodes_are_counted_and_failed():
     assert first.rows[0]["diverged_episodes"] == 4
     assert last.rows[0]["diverged_episodes"] == 4 + 8
     assert np.isnan(last.rows[0]["level0_replay_fill"])
+
+
+class SpoiltEnv(PointEnv):
+    """What an episode of the fifth environment sees last is no number, if it takes all steps."""
+
+    def step(self, actions, mask=None):
+        seen = super().step(actions, mask)
+        late = (self._steps == self.max_steps) & (np.arange(self.num_envs) == 4)
+        seen.observation[late] = np.nan
+        return seen
+
+
+@EVERY_LEARNER
+def test_a_seed_that_saw_what_is_no_number_is_lost_and_the_others_go_on(learner, precision):
+    lost = []
+
+    class Recording(Callback):
+        def on_lost(self, lost_seed):
+            lost.append((lost_seed.seed, lost_seed.level))
+
+    config = dataclasses.replace(FAST, learner=learner, precision=precision)
+    arguments = dict(subgoal_layers=1, horizons=horizons(5, 1), periods=2)
+    make = functools.partial(SpoiltEnv, max_steps=5)
+    found = list(loop.train(make, config, [3, 1, 4], callback=Recording(), **arguments))
+    assert lost[0] == (1, 0)
+    assert found[-1].rows[0]["seed"] == 3 and 1 not in {row["seed"] for row in found[-1].rows}
 
 
 def test_a_seed_without_experience_is_blank_whatever_its_neighbours_have():

@@ -64,7 +64,9 @@ def test_a_precision_is_asked_for_and_checked_on_this_machine(flag, monkeypatch)
     monkeypatch.setattr(torch.cpu, "get_capabilities", lambda: {})
     with pytest.raises(CommandError, match="neither avx512_bf16 nor amx_bf16"):
         parse(flag)
-    assert parse(flag, "--executor=ray").config.precision == "bf16"
+    assert parse(flag, "--executor=ray", "--ray_address=auto").config.precision == "bf16"
+    with pytest.raises(CommandError, match="--precision=fp32: it disagrees with --config"):
+        parse("--precision=fp32", "--config.precision=bf16")
 
 
 def test_a_learner_and_its_keys_are_flags():

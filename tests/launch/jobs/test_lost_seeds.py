@@ -36,7 +36,9 @@ def test_the_other_seeds_do_not_change_by_a_bit(tmp_path, tiny, value):
     assert live(tmp_path / "whole", *WORDS)[0] == 0
     status, printed = live(tmp_path / "spoilt", *WORDS, first=spoiling(1, 16, value=value))
     assert status == 1
-    reason = "a weight of level 1 was not finite after 16 updates (16 training episodes)"
+    reason = (
+        "a weight or a transition of level 1 was not finite after 16 updates (16 training episodes)"
+    )
     assert f"failed: {TASK}, 1 subgoal layer, seeds 1: {reason}" in printed
     whole, spoilt = outcome(tmp_path / "whole"), outcome(tmp_path / "spoilt")
     lost = {("1", "1", "2")}  # subgoal layers, seed, period
@@ -55,5 +57,5 @@ def test_a_launch_whose_seeds_are_all_lost_ends_and_says_so(tmp_path, tiny):
     words = ("--seeds=1", "--subgoal_layers=0", "--periods=1", "--workers=1")
     status, printed = live(tmp_path, *words, first=spoiling(0, 8, level=0))
     assert status == 1 and printed.count("failed: ") == 1
-    assert "a weight of level 0 was not finite after 8 updates" in printed
+    assert "a weight or a transition of level 0 was not finite after 8 updates" in printed
     assert "Traceback" not in printed
