@@ -17,7 +17,7 @@ _NO_SUCH_TEST = (
 )
 _LAYERS = {1: "a first layer over none", 2: "a second layer over one"}
 _PAYS, _COSTS, _UNDECIDED = "it pays", "it costs", "undecided"
-_TOO_LITTLE = f"less than {evidence.MARGIN * 100:.0f} points, if anything"
+_TOO_LITTLE = f"a gain of {evidence.MARGIN * 100:.0f} points or more is excluded"
 
 
 def budgets(results: pd.DataFrame, episodes: int | None, folder: Path) -> dict[str, int]:

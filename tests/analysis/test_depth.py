@@ -58,7 +58,7 @@ def test_gains_and_verdicts_by_hand(put):
     one_way = 2 / 1024
     np.testing.assert_allclose(table["p"], [one_way] * 2 + [1] + [one_way] * 3)
     np.testing.assert_allclose(table["p_holm"], [6 * one_way] * 2 + [1] + [6 * one_way] * 3)
-    pays, costs, little = "it pays", "it costs", "less than 5 points, if anything"
+    pays, costs, little = "it pays", "it costs", "a gain of 5 points or more is excluded"
     assert table["verdict"].tolist() == [pays, costs, little, pays, costs, pays]
     assert said[1] == (
         "ur5_reacher in 200 decisions: a second layer over one, a loss: -15.0 [-15.0, -15.0] "
