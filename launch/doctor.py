@@ -53,13 +53,22 @@ def check_packages() -> Finding:
 
 
 def check_cores() -> Finding:
-    """The number of cores for workers of one thread each."""
+    """The number of cores for workers of one thread each, and whether they have bfloat16."""
     machine = manifest.machine()
     return Finding(
         True,
         f"processor: {machine['cpu']}, {machine['cores']} cores: "
-        f"{machine['cores']} workers of one thread train at a time",
+        f"{machine['cores']} workers of one thread train at a time; "
+        f"--precision=bf16 is {'possible' if _has_bf16() else 'not for it'}",
     )
+
+
+def _has_bf16() -> bool:
+    try:
+        from hac_suite.learning import mixed
+    except Exception:  # which `check_packages` tells
+        return False
+    return mixed.has_bf16()
 
 
 def check_rendering() -> list[Finding]:

@@ -16,6 +16,7 @@ from pathlib import Path
 import imageio.v3 as iio
 import numpy as np
 import pytest
+import torch
 
 import hac_suite
 import tasks
@@ -330,6 +331,12 @@ def test_after_a_stop_no_other_backend_is_tried(tmp_path, monkeypatch):
 def test_the_doctor_finds_what_training_needs():
     assert doctor.check_packages().good and doctor.check_cores().good
     assert doctor.check_mp4().good
+
+
+@pytest.mark.parametrize(("has", "said"), [(True, "possible"), (False, "not for it")])
+def test_the_doctor_says_whether_the_processor_has_bfloat16(monkeypatch, has, said):
+    monkeypatch.setattr(torch.cpu, "get_capabilities", lambda: {"avx512_bf16": has})
+    assert doctor.check_cores().text.endswith(f"; --precision=bf16 is {said}")
 
 
 @pytest.mark.slow
