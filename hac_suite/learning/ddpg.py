@@ -99,8 +99,7 @@ class DDPG(Learner):
         self._target_rate = config.target_rate
         self._tested_rate = config.tested_actor_rate
         self._saturation_penalty = config.saturation_penalty
-        networks = PRECISIONS[config.precision].networks
-        self._rows_at_a_time = PRECISIONS[config.precision].rows_at_a_time
+        networks, _, self._rows_at_a_time = PRECISIONS[config.precision]
         sizes = (*config.hidden_sizes, spec.action_dim)
         self.actor = networks(seeds, (features, *sizes), device=device)
         sizes = (*config.hidden_sizes, 1)

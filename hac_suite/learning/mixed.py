@@ -11,7 +11,7 @@ from typing import NamedTuple
 import torch
 
 from hac_suite.learning.learner import Learner
-from hac_suite.learning.networks import MIN_OUTPUTS, StackedMLP, rows_of_columns
+from hac_suite.learning.networks import StackedMLP, rows_of_columns
 
 _BF16 = torch.bfloat16
 
@@ -66,10 +66,10 @@ class MixedMLP(StackedMLP):
             self._weight_gradients[-1].baddbmm_(
                 space.output_gradient, space.last_transposed, beta=beta
             )
-        into, *others = reversed(space.gradients)
+        into = space.gradients[-1]
         torch.bmm(self._to_hidden[-1], space.output_gradient, out=space.last_gradient)
         into.copy_(space.last_gradient)
-        for layer in range(len(self.weights) - 2, 0, -1):
+        for layer in reversed(self._rounded):
             gradient = _relu_backward(into, space.bits[layer])
             if parameters:
                 product = space.products[layer]
@@ -79,17 +79,12 @@ class MixedMLP(StackedMLP):
                     total.add_(product)
                 else:
                     total.copy_(product)
-            into = others.pop(0)
+            into = space.gradients[layer - 1]
             torch.bmm(self._rounded_to_hidden[layer], gradient, out=into)
         space.first.copy_(_relu_backward(into, space.bits[0]))
         if parameters:
             self._weight_gradients[0].baddbmm_(space.first, self._inputs.transpose(1, 2), beta=beta)
-        if not inputs:
-            return None
-        rows = max(inputs, MIN_OUTPUTS)
-        found = space.input_gradient[:, :rows]
-        torch.bmm(self.weights[0][..., :rows].transpose(1, 2), space.first, out=found)
-        return found[:, :inputs]
+        return self._to_inputs(space.first, space.input_gradient, inputs)
 
     def _new_workspace(self, columns: int) -> "_MixedWorkspace":
         return _MixedWorkspace(self, columns)

@@ -16,7 +16,7 @@ from torch.nn import functional
 
 # A population of one with a single output takes another path through the matrix library, with
 # other roundings: no layer is narrower than this.
-MIN_OUTPUTS = 2
+_MIN_OUTPUTS = 2
 # Slabs of parameters are padded to whole vector registers, so that element-wise updates treat the
 # same parameter alike whatever the population.
 _SLAB = 64
@@ -71,7 +71,7 @@ class StackedMLP:
         dtype: torch.dtype = torch.float32,
         device: torch.device | str = "cpu",
     ):
-        self.sizes = (*sizes[:-1], max(sizes[-1], MIN_OUTPUTS))
+        self.sizes = (*sizes[:-1], max(sizes[-1], _MIN_OUTPUTS))
         self.outputs = sizes[-1]
         self._shapes = [(o, i + 1) for i, o in zip(self.sizes[:-1], self.sizes[1:], strict=True)]
         count = sum(o * i for o, i in self._shapes)
@@ -174,10 +174,16 @@ class StackedMLP:
             gradient = into
         if parameters:
             self._weight_gradients[0].baddbmm_(gradient, self._inputs.transpose(1, 2), beta=beta)
+        return self._to_inputs(gradient, space.input_gradient, inputs)
+
+    def _to_inputs(
+        self, gradient: torch.Tensor, into: torch.Tensor, inputs: int
+    ) -> torch.Tensor | None:
+        """The gradient of so many leading input rows, from that of the first hidden layer."""
         if not inputs:
             return None
-        rows = max(inputs, MIN_OUTPUTS)
-        into = space.input_gradient[:, :rows]
+        rows = max(inputs, _MIN_OUTPUTS)
+        into = into[:, :rows]
         torch.bmm(self.weights[0][..., :rows].transpose(1, 2), gradient, out=into)
         return into[:, :inputs]
 

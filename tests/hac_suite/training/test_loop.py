@@ -52,15 +52,12 @@ def run(config, seeds, layers, periods) -> list[loop.PeriodResult]:
     )
 
 
-# Learners and layers: the one in the middle stands for the others in the quick tests.
-AGENTS = [("ddpg", 0), ("ddpg", 2), ("td3", 0), ("td3", 1), ("td3", 2)]
-AGENTS = [("ddpg", 1), *(pytest.param(*agent, marks=pytest.mark.slow) for agent in AGENTS)]
-
-
 @pytest.mark.slow
-@pytest.mark.parametrize(("learner", "layers"), AGENTS)
-def test_agents_learn_the_tiny_task(learner, layers):
-    results = run(dataclasses.replace(SMALL, learner=learner), [0, 1, 2], layers, periods=5)
+@EVERY_LEARNER
+@pytest.mark.parametrize("layers", [0, 1, 2])
+def test_agents_learn_the_tiny_task(learner, precision, layers):
+    config = dataclasses.replace(SMALL, learner=learner, precision=precision)
+    results = run(config, [0, 1, 2], layers, periods=5)
     success = [np.mean([row["success_rate"] for row in result.rows]) for result in results]
     assert success[0] < 0.5
     assert success[-1] > 0.9, success
